@@ -61,7 +61,7 @@ STEPS = sorted(
 
 
 @pytest.mark.parametrize("step", STEPS, ids="".join)
-def test_a_function_of_a_way_is_in_its_file(step: tuple[str, str]) -> None:
+def test_function_of_way_is_in_its_file(step: tuple[str, str]) -> None:
     name, function = step
     assert any(re.search(rf"\bdef {function}\(", place.read_text("utf-8")) for place in places(name)), step
 
@@ -79,7 +79,7 @@ def figures(heading: str) -> list[str]:
 
 
 @pytest.mark.parametrize("heading", GOALS)
-def test_a_way_has_a_plain_drawing_before_its_files(heading: str) -> None:
+def test_way_has_plain_drawing_before_files(heading: str) -> None:
     drawing, listing, *_ = figures(heading)
     assert not FILE.findall(drawing)
     assert len(drawing.splitlines()) <= 12
@@ -99,13 +99,13 @@ def test_doors_hide_few_files() -> None:
     assert len(set(FILE.findall(doors)) - listed - entries) <= BEHIND
 
 
-def test_the_layers_of_the_page_are_those_of_the_contract() -> None:
+def test_layers_of_page_are_those_of_contract() -> None:
     (shown,) = re.findall(r"```layers\n(.*?)\n```", ARCHITECTURE, re.DOTALL)
     (floors,) = (contract["layers"] for contract in CONTRACTS if contract["id"] == "floors")
     assert shown.splitlines() == floors
 
 
-def test_the_contracts_of_the_page_are_those_of_the_build() -> None:
+def test_contracts_of_page_are_those_of_build() -> None:
     shown = dict(re.findall(r"^\| `([\w-]+)` \| (.*?) \|$", ARCHITECTURE.split("## 3.")[0], re.MULTILINE))
     named = {contract["id"]: contract["name"] for contract in CONTRACTS}
     assert {name: shown.get(name) for name in named} == named
@@ -129,14 +129,14 @@ TERMS = [
 ]
 
 
-def test_the_terms_are_in_order_and_each_is_there_once() -> None:
+def test_terms_are_ordered_and_unique() -> None:
     terms = [row[0] for row in TERMS]
     assert len(terms) >= 40
     assert terms == sorted(set(terms))
 
 
 @pytest.mark.parametrize("row", TERMS, ids=[row[0] for row in TERMS])
-def test_a_term_has_a_meaning_an_equivalent_and_a_name_in_a_file(row: list[str]) -> None:
+def test_term_has_meaning_equivalent_and_name_in_file(row: list[str]) -> None:
     _, meaning, elsewhere, code = row
     assert meaning and elsewhere
     found = re.fullmatch(r"`([\w/]+\.py)` `(\w+)`", code)

@@ -79,7 +79,7 @@ def test_what_never_waits_is_not_async() -> None:
     assert not found, "no await, async for, async with or yield in:\n" + "\n".join(found)
 
 
-def test_the_rule_sees_what_waits_and_what_does_not() -> None:
+def test_rule_sees_what_waits_and_what_does_not() -> None:
     text = """
 class Slow(Sensor[int]):
     async def read(self): return 1

@@ -71,7 +71,7 @@ def _flat(parts: tuple[str, ...]) -> list[str]:
     return flat
 
 
-def test_every_document_that_is_cited_is_in_the_repository() -> None:
+def test_every_document_that_is_cited_is_in_repository() -> None:
     missing = [
         f"{name}: {cited}"
         for name, text in TEXTS.items()
@@ -81,7 +81,7 @@ def test_every_document_that_is_cited_is_in_the_repository() -> None:
     assert missing == []
 
 
-def test_every_path_that_is_cited_is_in_the_repository() -> None:
+def test_every_path_that_is_cited_is_in_repository() -> None:
     missing = [
         f"{name}: {cited}"
         for name, text in TEXTS.items()
@@ -92,7 +92,7 @@ def test_every_path_that_is_cited_is_in_the_repository() -> None:
     assert missing == []
 
 
-def test_every_section_that_is_cited_by_its_number_has_a_heading() -> None:
+def test_section_cited_by_number_has_heading() -> None:
     missing = [
         f"{name}: {cited} {number}"
         for name, text in TEXTS.items()
@@ -114,12 +114,12 @@ def test_every_decision_that_is_cited_has_its_page() -> None:
     assert sorted(item for item in cited if item[1] not in DECISIONS) == []
 
 
-def test_each_number_up_to_the_last_has_one_decision_or_a_row_among_the_former_ones() -> None:
+def test_each_number_has_one_decision_or_former_row() -> None:
     numbers = [*DECISIONS, *(former for former, _, _ in FORMER_DECISIONS)]
     assert sorted(numbers) == list(range(1, max(numbers) + 1))
 
 
-def test_each_former_decision_is_part_of_one_that_holds() -> None:
+def test_former_decision_is_part_of_valid_decision() -> None:
     assert FORMER_DECISIONS
     moved = [row for row in FORMER_DECISIONS if row[1]]
     assert [row for row in moved if row[1] != row[2] or row[1] not in DECISIONS] == []
@@ -131,7 +131,7 @@ def test_every_link_of_a_page_leads_somewhere(name: str) -> None:
     assert [link for link in links if not ((ROOT / name).parent / link).exists()] == []
 
 
-def test_no_text_rests_on_a_document_outside_the_repository() -> None:
+def test_no_text_rests_on_document_outside_repository() -> None:
     assert {name: ELSEWHERE.findall(text) for name, text in TEXTS.items() if ELSEWHERE.search(text)} == {}
 
 
@@ -185,7 +185,7 @@ def code() -> set[str]:
 
 
 @pytest.mark.parametrize("name", sorted(PAGES))
-def test_a_name_in_backticks_is_one_of_the_code(name: str, code: set[str]) -> None:
+def test_name_in_backticks_is_one_of_code(name: str, code: set[str]) -> None:
     text = FENCED.sub("", PAGES[name])
     made = {word for block in FENCED.findall(PAGES[name]) for word in IDENTIFIER.findall(block)}
     cited = {word for quoted in re.findall(r"`([^`\n]+)`", text) for word in IDENTIFIER.findall(quoted)}
@@ -203,7 +203,7 @@ def test_an_anchor_of_a_link_is_a_heading(name: str) -> None:
         assert anchor in headings, f"{name}: {page}#{anchor}"
 
 
-def test_a_section_that_the_protocol_cites_of_itself_has_a_heading() -> None:
+def test_section_that_protocol_cites_of_itself_has_heading() -> None:
     text = re.sub(r"RFC \d+[^)\n]*|\w+\.md[^)\n]*", "", PAGES["share/doc/protocol.md"])  # of other documents
     headings = set(re.findall(r"^#+ (\d+(?:\.\d+)?)", text, re.MULTILINE))
     cited = {number for match in SECTIONS.finditer(text) for number in re.findall(r"\d+(?:\.\d+)?", match[0])}
@@ -213,7 +213,7 @@ def test_a_section_that_the_protocol_cites_of_itself_has_a_heading() -> None:
     assert sorted((cited | in_brackets) - headings) == []
 
 
-def test_a_capability_that_is_cited_is_on_the_page_of_requirements() -> None:
+def test_cited_capability_is_on_page_of_requirements() -> None:
     known = set(re.findall(r"^\| (S\d\.\d+) \|", TEXTS["share/doc/requirements.md"], re.MULTILINE))
     assert known
     missing = {f"{name}: {cited}" for name, text in TEXTS.items() for cited in CAPABILITY.findall(text)} - {

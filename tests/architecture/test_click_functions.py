@@ -35,7 +35,7 @@ def test_the_commands_are_found() -> None:
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
-def test_a_click_function_has_no_logic_of_its_own(name: str) -> None:
+def test_click_function_has_no_logic_of_its_own(name: str) -> None:
     inside = [node for statement in FUNCTIONS[name].body for node in ast.walk(statement)]
     assert [ast.unparse(node) for node in inside if isinstance(node, LOGIC)] == []
 
@@ -43,7 +43,7 @@ def test_a_click_function_has_no_logic_of_its_own(name: str) -> None:
 @pytest.mark.parametrize(
     "folder", sorted(path.parent.name for path in (ROOT / "cli/swarmctl/commands").glob("*/command.py"))
 )
-def test_the_options_of_a_group_are_in_one_file_and_its_logic_imports_no_click_decorator(folder: str) -> None:
+def test_options_of_group_share_file_without_click_logic(folder: str) -> None:
     for path in (ROOT / "cli/swarmctl/commands" / folder).glob("*.py"):
         if path.name != "command.py":
             assert click_functions(path) == [], f"{path}: expected its options in command.py"

@@ -18,7 +18,7 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("words", COMMANDS)
-def test_a_command_has_a_sentence_and_an_example_of_itself(words: str) -> None:
+def test_command_has_sentence_and_example_of_itself(words: str) -> None:
     about, example, words_of_it = (COMMANDS[words].help or "").partition("Example:")
     assert about.strip().rstrip(".")[0].isupper()
     assert example, f"{words}: no example"
@@ -30,7 +30,7 @@ def test_a_command_has_a_sentence_and_an_example_of_itself(words: str) -> None:
 
 
 @pytest.mark.parametrize("words", [w for w, c in COMMANDS.items() if not isinstance(c, click.Group)])
-def test_the_example_of_a_command_is_one_that_it_accepts(words: str) -> None:
+def test_example_of_command_is_one_that_it_accepts(words: str) -> None:
     line = next(
         line.strip()
         for line in (COMMANDS[words].help or "").partition("Example:")[2].splitlines()
@@ -48,7 +48,7 @@ def test_every_option_says_what_it_does(words: str) -> None:
         assert option.help or option.name == "help", f"{words} {option.opts}"
 
 
-def test_the_figures_of_the_readme_are_those_of_the_measured_run() -> None:
+def test_figures_of_readme_are_those_of_measured_run() -> None:
     made = generator().readme()
     assert "| command to receipt | 11.95 ms |" in made
     assert (ROOT / "README.md").read_text() == made, "run `make docs`"
@@ -93,7 +93,7 @@ def resolve(words: list[str]) -> tuple[str, list[str]]:
 
 
 @pytest.mark.parametrize("page", [page for page, text in PAGES.items() if typed_lines(text)])
-def test_a_command_line_of_a_page_is_one_that_is_accepted(page: str) -> None:
+def test_command_line_of_page_is_accepted(page: str) -> None:
     for line in typed_lines(PAGES[page]):
         name, args = resolve(shlex.split(line))
         if name == "swarmctl" and set(args) <= {option for param in cli.params for option in param.opts}:
@@ -105,7 +105,7 @@ def test_a_command_line_of_a_page_is_one_that_is_accepted(page: str) -> None:
 
 
 @pytest.mark.parametrize("page", [page for page, text in PAGES.items() if "`swarmctl " in text])
-def test_a_command_in_a_sentence_exists_with_its_options(page: str) -> None:
+def test_command_in_sentence_exists_with_its_options(page: str) -> None:
     for quoted in re.findall(r"`(swarmctl [^`\n]+)`", PAGES[page]):
         words = re.sub(r"[…\[\]]", " ", quoted).split()
         heads = words[1].split("|")
@@ -135,7 +135,7 @@ def arguments() -> dict[str, list[str]]:
     return {words: names for words, names in found.items() if names}
 
 
-def test_every_argument_has_a_meaning_and_every_meaning_an_argument() -> None:
+def test_every_argument_has_meaning_and_every_meaning_argument() -> None:
     without = [
         f"{words} {name}"
         for words, names in arguments().items()
@@ -149,7 +149,7 @@ def test_every_argument_has_a_meaning_and_every_meaning_an_argument() -> None:
     assert sorted(ARGUMENTS.keys() - used) == []
 
 
-def test_the_help_has_arguments_under_a_heading_of_their_own(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_has_arguments_under_heading_of_their_own(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["tree", "get", "--help"]) == 0
     shown = capsys.readouterr().out
     head, _, rest = shown.partition("Arguments:\n")

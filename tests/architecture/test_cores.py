@@ -83,7 +83,7 @@ def test_a_core_has_the_whole_contract(core: type) -> None:
 @pytest.mark.parametrize(
     "core", [cls for cls in CORES if cls.__module__.startswith("swarmd.")], ids=lambda cls: str(cls.__name__)
 )
-def test_the_core_of_a_daemon_takes_its_frozen_config(core: type) -> None:
+def test_core_of_daemon_takes_its_frozen_config(core: type) -> None:
     daemon = core.__module__.split(".")[1]
     config = importlib.import_module(f"swarmd.{daemon}.config").Config
     assert issubclass(config, msgspec.Struct)

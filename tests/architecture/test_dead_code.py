@@ -82,7 +82,7 @@ def documented() -> set[str]:
     return words
 
 
-def test_what_lib_daemons_and_cli_define_is_used_there_or_documented() -> None:
+def test_definition_of_the_product_is_used_or_documented() -> None:
     parsed = list(trees())
     used = Counter(name for _, tree in parsed for name in uses(tree))
     known = documented() | OVERRIDES.keys()

@@ -104,7 +104,7 @@ def commands() -> str:
     return "\n".join([*texts, settings.replace(settings[lists], "")])
 
 
-def test_what_a_node_imports_is_what_the_distribution_requires() -> None:
+def test_imports_of_node_are_requirements_of_distribution() -> None:
     declared = names(PROJECT["dependencies"])
     optional = modules(
         names(
@@ -137,12 +137,12 @@ def test_what_a_node_imports_is_what_the_distribution_requires() -> None:
         ("bench", "tests/bench"),
     ],
 )
-def test_an_extra_is_imported_by_the_code_that_it_is_for(extra: str, folder: str) -> None:
+def test_extra_is_imported_by_its_own_code(extra: str, folder: str) -> None:
     assert idle(names(EXTRAS[extra]), imported(folder)) == []
 
 
 @pytest.mark.parametrize("extra", ["test", "docs", "dev"])
-def test_what_the_tests_and_tools_require_is_imported_or_run(extra: str) -> None:
+def test_requirement_of_tests_and_tools_is_used(extra: str) -> None:
     used, run, required = (
         imported("lib", "daemons", "cli", "tests", "share"),
         commands(),

@@ -37,7 +37,7 @@ BROAD = {"Exception", "BaseException", "OSError", "EnvironmentError"}
 """Errors of many causes: one that nobody expected must not vanish."""
 
 
-def test_no_error_of_many_causes_vanishes_without_a_reason() -> None:
+def test_no_error_of_many_causes_vanishes_without_reason() -> None:
     found = []
     for folder in ("lib", "daemons", "cli"):
         for path in sorted((ROOT / folder).rglob("*.py")):

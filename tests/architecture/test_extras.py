@@ -55,7 +55,7 @@ def swarmctl(*words: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize("root", ["lib", "daemons", "cli"])
-def test_every_module_but_those_that_use_an_extra_is_imported_without(root: str) -> None:
+def test_module_without_extra_is_imported_without_it(root: str) -> None:
     names = modules(root)
     assert len(names) > 50
     done = blocked(f"from importlib import import_module\nfor name in {names!r}: import_module(name)")
@@ -68,13 +68,13 @@ def test_the_operators_command_works_without(words: list[str]) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_a_value_of_the_tree_is_asked_for_without(tmp_path: Path) -> None:
+def test_value_of_tree_is_asked_for_without(tmp_path: Path) -> None:
     done = swarmctl("tree", "get", "nav/pose", "--config", str(make_node(tmp_path)))
     assert done.returncode == 4, "nothing runs on this node"
     assert "services do not run" in done.stderr
 
 
-def test_vehicles_in_the_air_and_on_the_ground_have_their_navigator_without() -> None:
+def test_vehicles_have_their_navigator_without_extra() -> None:
     done = blocked(
         "from swarmd.navigator.config import Config\n"
         "from swarmd.navigator.service import controller\n"
@@ -83,7 +83,7 @@ def test_vehicles_in_the_air_and_on_the_ground_have_their_navigator_without() ->
     assert done.stdout.split() == ["True", "False", "False"], done.stderr
 
 
-def test_the_logger_keeps_the_local_log_and_says_what_the_database_needs(tmp_path: Path) -> None:
+def test_logger_without_extra_keeps_local_log(tmp_path: Path) -> None:
     done = blocked(
         "import asyncio\n"
         "from pathlib import Path\n"
@@ -110,12 +110,12 @@ def test_the_logger_keeps_the_local_log_and_says_what_the_database_needs(tmp_pat
         (["lab", "report", "."], "lab"),
     ],
 )
-def test_a_command_that_needs_an_extra_names_it_before_it_does_anything(words: list[str], extra: str) -> None:
+def test_command_names_missing_extra_before_anything_else(words: list[str], extra: str) -> None:
     done = swarmctl(*words)
     assert done.returncode == 7, done.stderr
     assert f"pip install 'swarmware[{extra}]'" in done.stderr
 
 
-def test_what_is_an_extra_is_no_dependency_of_all() -> None:
+def test_extra_is_not_required_by_all() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert not [name for name in project["dependencies"] if name.split(">")[0] in EXTRA]

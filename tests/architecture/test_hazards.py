@@ -16,7 +16,7 @@ ROWS = [
 
 
 @pytest.mark.parametrize("row", ROWS, ids=lambda row: row[0])
-def test_a_hazard_has_a_level_a_cause_a_detection_a_reaction_and_tests_that_exist(row: list[str]) -> None:
+def test_hazard_has_level_cause_detection_reaction_and_tests(row: list[str]) -> None:
     hazard, level, *words, shown_by = row
     assert len(words) == 3
     assert all(words)
@@ -33,7 +33,7 @@ def test_a_hazard_has_a_level_a_cause_a_detection_a_reaction_and_tests_that_exis
             pytest.fail(f"{test}: {error.format_message()}")
 
 
-def test_communication_time_and_flight_loop_have_the_highest_level() -> None:
+def test_communication_time_and_flight_loop_have_highest_level() -> None:
     assert len(ROWS) > 20
     highest = " ".join(" ".join(row) for row in ROWS if row[1] == "A")
     for word in ("beacon", "clock", "datagram", "flight/loop", "link_loss"):

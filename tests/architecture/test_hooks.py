@@ -52,7 +52,7 @@ def run(folder: Path, *args: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_there_is_a_hook_for_every_check_of_make_lint() -> None:
+def test_every_check_of_make_lint_has_hook() -> None:
     recipe = re.search(r"^lint:.*\n((?:\t.*\n)+)", (ROOT / "Makefile").read_text(), re.MULTILINE)
     assert recipe
     linted = {
@@ -69,7 +69,7 @@ def test_the_hooks_pass_in_a_clean_clone(clone: Path) -> None:
     assert passed == ["ruff check", "ruff format"]
 
 
-def test_a_hook_keeps_a_file_that_ruff_refuses_from_being_committed(clone: Path) -> None:
+def test_hook_refuses_commit_that_ruff_refuses(clone: Path) -> None:
     (clone / "lib" / "swarmware" / "unused.py").write_text("import os\n")
     git("add", "--all", where=clone)
     done = run(clone)

@@ -130,7 +130,7 @@ def test_the_top_level_imports_nothing_heavy(args: list[str]) -> None:
     assert len(extra) <= BUDGET, sorted(extra)
 
 
-def test_the_help_of_the_lab_imports_no_plotting_and_no_network() -> None:
+def test_help_of_lab_imports_no_plotting_or_network() -> None:
     loaded = modules(["lab", "run", "--help"])
     assert not loaded & {"matplotlib", "numpy", "zmq", "pymongo", "psutil", "asyncio", "mcap", "rich"}
 
@@ -191,7 +191,7 @@ def test_overviews_import_no_descriptions_of_types(tmp_path: Path) -> None:
         assert not modules_now & OVERVIEW_HEAVY, line
 
 
-async def test_a_client_that_joins_and_asks_loads_nothing_that_serves_or_writes(tmp_path: Path) -> None:
+async def test_asking_client_loads_no_server_and_no_writer(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("probe", node=node) as probe:
         probe.serve("sys/probe/ask", Empty, lambda request, meta: request, reply=Empty)
         child = await asyncio.create_subprocess_exec(
@@ -202,7 +202,7 @@ async def test_a_client_that_joins_and_asks_loads_nothing_that_serves_or_writes(
     assert not CLIENT_HEAVY & set(json.loads(out))
 
 
-def test_each_command_is_measured_or_has_a_reason_why_not() -> None:
+def test_each_command_is_measured_or_exempt_with_reason() -> None:
     measured = {
         line
         for line in all_commands(cli)

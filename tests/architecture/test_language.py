@@ -270,7 +270,7 @@ def test_telegraph_style_is_found_in_prose(text: str, form: str) -> None:
     assert [key for key, (pattern, _) in GRAMMAR.items() if pattern.search(text)] == ([form] if form else [])
 
 
-def test_names_and_texts_use_the_terms_of_the_field() -> None:
+def test_names_and_texts_use_terms_of_field() -> None:
     found = [
         f"{name(path)}:{line}: {text!r} uses {word!r}; expected {INSTEAD[word]}"
         for path in SOURCES
@@ -280,7 +280,7 @@ def test_names_and_texts_use_the_terms_of_the_field() -> None:
 
 
 @pytest.mark.parametrize("page", FRONT_PAGES, ids=name)
-def test_front_page_is_short_and_understood_at_first_reading(page: Path) -> None:
+def test_front_page_is_short_and_names_its_subjects(page: Path) -> None:
     text = re.sub(r"`[^`\n]*`|\]\([^)]*\)", "` `", page.read_text("utf-8"))
     assert len(text.splitlines()) <= LONGEST
     found = [

@@ -74,7 +74,7 @@ def test_the_page_of_the_architecture_has_each_package() -> None:
     assert shown == {name(package) for package in PACKAGES}
 
 
-def test_every_daemon_has_its_floors_and_a_folder_of_decisions() -> None:
+def test_every_daemon_has_floors_and_folder_of_decisions() -> None:
     daemons = {path.parent.name for path in (ROOT / "daemons/swarmd").glob("*/service.py")}
     (floors,) = (contract for contract in CONTRACTS if contract["id"] == "daemon-floors")
     (apart,) = (contract for contract in CONTRACTS if contract["id"] == "daemons")
@@ -88,7 +88,7 @@ def test_every_daemon_has_its_floors_and_a_folder_of_decisions() -> None:
     assert daemons == {path.parent.name for path in (ROOT / "daemons/swarmd").glob("*/core/")}
 
 
-def test_a_thin_file_defines_a_class_or_is_a_noun_of_its_own() -> None:
+def test_thin_file_defines_class_or_own_noun() -> None:
     thin = set()
     for path in sources():
         lines = path.read_text("utf-8").splitlines()
@@ -111,7 +111,7 @@ def test_a_thin_file_has_several_users() -> None:
     assert alone == set(), "merge it with the only file that imports it"
 
 
-def test_a_long_file_is_one_noun_with_a_reason() -> None:
+def test_long_file_is_one_noun_with_reason() -> None:
     found = {
         str(path.relative_to(ROOT))
         for path in sources()

@@ -42,7 +42,7 @@ def composed() -> Iterator[tuple[str, str, int]]:
                         yield name, ast.unparse(node), node.lineno
 
 
-def test_a_path_that_is_derived_from_a_name_is_composed_in_one_place() -> None:
+def test_derived_path_is_composed_in_one_place() -> None:
     found = {(name, text): line for name, text, line in composed()}
     new = [f"{name}:{line} {text}" for (name, text), line in found.items() if (name, text) not in EXCEPTIONS]
     assert not new, "expected a function of swarmware.model.paths, or names.join:\n" + "\n".join(new)

@@ -49,7 +49,7 @@ def test_every_configuration_file_has_its_section() -> None:
 
 
 @pytest.mark.parametrize("file", FILES)
-def test_every_key_of_a_file_is_on_the_page_with_its_default(file: str) -> None:
+def test_key_of_file_is_documented_with_default(file: str) -> None:
     page = {row[0].strip("`"): row for row in rows(sections("configuration.md")[file])}
     shipped = dict(keys(FILES[file]))
     assert shipped.keys() <= page.keys()
@@ -59,14 +59,14 @@ def test_every_key_of_a_file_is_on_the_page_with_its_default(file: str) -> None:
 
 
 @pytest.mark.parametrize("file", FILES)
-def test_every_key_of_a_file_has_a_type_and_a_meaning(file: str) -> None:
+def test_every_key_of_file_has_type_and_meaning(file: str) -> None:
     found = rows(sections("configuration.md")[file])
     assert found
     assert [row for row in found if not (row[1] and row[5])] == []
 
 
 @pytest.mark.parametrize("page", ["settings.md", "templates.md", "documents.md", "exit-codes.md"])
-def test_every_line_of_a_generated_table_says_what_it_is(page: str) -> None:
+def test_line_of_generated_table_has_description(page: str) -> None:
     generated = (REFERENCE / page).read_text("utf-8").partition("<!-- from the code")[2]
     found = rows(generated)
     assert found
@@ -74,7 +74,7 @@ def test_every_line_of_a_generated_table_says_what_it_is(page: str) -> None:
 
 
 @pytest.mark.parametrize("block", BLOCKS, ids=lambda block: block.name)
-def test_every_parameter_of_a_block_is_on_the_page_with_its_meaning(block: BlockType) -> None:
+def test_parameter_of_block_is_documented_with_meaning(block: BlockType) -> None:
     text = (REFERENCE / "mission-files.md").read_text("utf-8")
     section = re.split(r"^#{2,3} ", text.partition(f"\n### {block.name}\n")[2], flags=re.MULTILINE)[0]
     assert block.purpose in section
@@ -85,7 +85,7 @@ def test_every_parameter_of_a_block_is_on_the_page_with_its_meaning(block: Block
     assert all(f"`{other}`" in found[name][1] for other, name in block.aliases)
 
 
-def test_every_key_of_a_mission_file_is_on_the_page_with_its_meaning() -> None:
+def test_key_of_mission_file_is_documented_with_meaning() -> None:
     page = sections("mission-files.md")
     found = [row for row in rows(page["mission.toml"]) if not (row[1] and row[5])]
     assert found == []
@@ -93,7 +93,7 @@ def test_every_key_of_a_mission_file_is_on_the_page_with_its_meaning() -> None:
     assert {"mission", "params", "requires", "on_failure", "next", "timeout_s", "on"} <= named
 
 
-def test_the_examples_of_the_page_of_mission_files_are_valid() -> None:
+def test_examples_of_page_of_mission_files_are_valid() -> None:
     blocks = re.findall(
         r"^```toml\n(.*?)^```$", (REFERENCE / "mission-files.md").read_text("utf-8"), re.MULTILINE | re.DOTALL
     )

@@ -65,7 +65,7 @@ def faults_of(line: Line) -> list[str]:
     return faults
 
 
-def test_the_page_has_each_capability_once_in_order_below_its_source() -> None:
+def test_page_has_each_capability_once_in_order() -> None:
     assert len(LINES) == sum(COUNTS.values())
     for source in COUNTS:
         assert [line.id for line in LINES if line.source == source] == names_of(source)
@@ -75,7 +75,7 @@ def test_the_page_says_how_many_capabilities_there_are() -> None:
     assert f"The {sum(COUNTS.values())} capabilities" in PAGE.read_text()
 
 
-def test_the_number_of_capabilities_in_each_state_is_that_of_the_lines() -> None:
+def test_number_of_capabilities_by_state_is_correct() -> None:
     assert PAGE.read_text() == generator().requirements(), "run `make docs`"
 
 
@@ -84,7 +84,7 @@ def test_a_capability_has_a_sentence_and_a_state() -> None:
     assert not [f"{line.id}: {line.state}" for line in LINES if not STATE.fullmatch(line.state)]
 
 
-def test_what_is_there_is_shown_by_tests_and_commands_that_exist() -> None:
+def test_present_capability_is_shown_by_existing_tests() -> None:
     faults = [f"{line.id}: {fault}" for line in LINES for fault in faults_of(line)]
     assert not faults
 

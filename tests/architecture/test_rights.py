@@ -152,7 +152,7 @@ def test_the_rights_of_every_served_address_are_stated() -> None:
     assert served == set(SERVED)
 
 
-def test_the_names_of_daemons_and_their_branches_are_reserved() -> None:
+def test_names_of_daemons_and_their_branches_are_reserved() -> None:
     daemons = {name for name, point in installed().items() if point.value.startswith("swarmd.")}
     assert daemons == APPLICATIONS
     served = {path for file in SOURCES if "daemons" in file.parts for path in _served(file)}
@@ -160,7 +160,7 @@ def test_the_names_of_daemons_and_their_branches_are_reserved() -> None:
 
 
 @pytest.mark.parametrize("rules", ["default", "shipped"])
-def test_every_served_address_has_the_stated_role_and_is_refused_below_it(rules: str) -> None:
+def test_served_address_has_role_and_refuses_below_it(rules: str) -> None:
     access = Access() if rules == "default" else Access(load_acl(ROOT / "etc" / "swarm").rule)
     found = {path: access.needed(Verb.CALL, path) for path in SERVED}
     assert found == SERVED
@@ -169,7 +169,7 @@ def test_every_served_address_has_the_stated_role_and_is_refused_below_it(rules:
             assert access.permits(Sender("gcs", role), Verb.CALL, path) is (role >= needed)
 
 
-def test_an_observer_sets_no_setting_and_calls_no_address_of_an_application() -> None:
+def test_observer_sets_nothing_and_calls_no_application() -> None:
     access = Access()
     observer = Sender("gcs", Role.OBSERVER)
     for path in ("config/planner/speed_m_s", "nav/home", "plan/share", "cmd/my_name", "a", "sysx/tree/get"):

@@ -22,6 +22,8 @@ POINTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-
 SERVICES = sorted({point.split(".")[1] for point in POINTS.values()})
 """Packages of services; the parts of a service are in its package, and have its settings."""
 LINES = 500
+WORDS = 8
+"""Words of a test's name, which states the unit and the outcome; the docstring has room for the rest."""
 
 
 def name(path: Path) -> str:
@@ -32,7 +34,7 @@ def test_no_file_is_longer_than_500_lines() -> None:
     assert [name(path) for path in SOURCES if len(path.read_text("utf-8").splitlines()) > LINES] == []
 
 
-def test_no_file_is_named_after_what_it_is_not() -> None:
+def test_file_is_not_named_after_its_opposite() -> None:
     habit = re.compile(r"(^|_)(utils?|helpers?|common|manager|base|misc|part\d*)$")
     assert [name(path) for path in SOURCES if habit.search(path.stem)] == []
 
@@ -41,6 +43,17 @@ def test_no_file_imports_a_test_file() -> None:
     """What tests share is in a module that its name describes, or in a conftest."""
     importing = re.compile(r"^\s*(?:from|import) tests\.(?:\w+\.)*test_\w+", re.MULTILINE)
     assert [name(path) for path in SOURCES if importing.search(path.read_text("utf-8"))] == []
+
+
+def test_name_of_test_has_eight_words_at_most() -> None:
+    definition = re.compile(r"^\s*(?:async )?def test_(\w+)", re.MULTILINE)
+    long = {
+        f"{name(path)}: test_{words}"
+        for path in SOURCES
+        for words in definition.findall(path.read_text("utf-8"))
+        if words.count("_") >= WORDS
+    }
+    assert long == set()
 
 
 def test_the_shipped_node_file_equals_the_defaults() -> None:

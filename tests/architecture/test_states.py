@@ -127,7 +127,7 @@ def is_prose(node: ast.AST) -> bool:
     return name in (PROSE if isinstance(node, ast.Attribute) else STATES)
 
 
-def test_a_state_is_compared_with_a_member_and_no_text_decides() -> None:
+def test_state_is_compared_with_member_not_with_text() -> None:
     known = checked()
     found = {
         f"{path}:{line} {text}"

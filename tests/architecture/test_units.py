@@ -100,7 +100,7 @@ def test_no_unit_is_ever_given_up(unit: str) -> None:
     assert not [line for line in found if line.startswith(("StartLimitBurst", "RestartPreventExitStatus"))]
 
 
-def test_the_unit_of_the_whole_node_is_hardened_as_those_of_its_daemons() -> None:
+def test_unit_of_whole_node_is_hardened_like_daemons() -> None:
     daemon, node = (
         settings((UNITS / name).read_text()) for name in ("swarmd@.service", "swarm-node.service")
     )
@@ -115,14 +115,14 @@ def test_libzmq_may_set_the_scheduling_of_its_threads() -> None:
 
 
 @pytest.mark.parametrize("name", [*sorted(services()), "temp-sensor", "a_b-2"])
-def test_the_guard_may_restart_the_unit_of_every_service(name: str) -> None:
+def test_guard_may_restart_unit_of_every_service(name: str) -> None:
     rule = re.search(r"/(\^swarmd@.*\$)/\.test", (UNITS / "swarm.rules").read_text())
     assert rule
     assert re.search(rule[1], f"swarmd@{name}.service")
     assert not re.search(rule[1], f"swarmd@{name}.service.d")
 
 
-def test_the_user_of_the_unit_is_made_and_owns_its_places() -> None:
+def test_user_of_unit_is_created_and_owns_places() -> None:
     unit = (UNITS / "swarmd@.service").read_text()
     user = re.search(r"^User=(\w+)$", unit, re.MULTILINE)
     assert user

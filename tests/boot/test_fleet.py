@@ -122,7 +122,7 @@ def fleet(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Fle
                 host.__exit__()
 
 
-def test_three_commands_lead_from_bare_hosts_to_running_nodes(fleet: Fleet) -> None:
+def test_three_commands_turn_bare_hosts_into_running_nodes(fleet: Fleet) -> None:
     fleet.must("push", "--wheel", str(fleet.wheel))
     fleet.must("up")
     version = re.split("-", fleet.wheel.name)[1]
@@ -131,9 +131,7 @@ def test_three_commands_lead_from_bare_hosts_to_running_nodes(fleet: Fleet) -> N
         assert fleet.hosts[name].must("systemctl is-enabled swarm.target").strip() == "enabled"
 
 
-def test_a_host_that_fails_in_the_middle_ends_an_upgrade_and_a_repeated_one_continues(
-    fleet: Fleet, raised_wheel: Path
-) -> None:
+def test_host_failure_ends_upgrade_and_repeat_continues_it(fleet: Fleet, raised_wheel: Path) -> None:
     former = set(fleet.versions().values())
     middle = fleet.hosts["uav1"]
     before = {name: pid(host) for name, host in fleet.hosts.items()}
@@ -163,9 +161,7 @@ def test_a_host_that_fails_in_the_middle_ends_an_upgrade_and_a_repeated_one_cont
     assert pid(fleet.hosts["gcs"]) == upgraded, "a host that has the wheel is not restarted"
 
 
-def test_an_upgrade_that_was_killed_between_stop_and_start_is_finished_by_the_next_one(
-    fleet: Fleet, wheel: Path
-) -> None:
+def test_upgrade_killed_before_start_is_finished_by_next(fleet: Fleet, wheel: Path) -> None:
     words = [sys.executable, "-m", "swarmctl", "fleet", "upgrade", str(fleet.file), "-H", "uav2", "--yes"]
     child = subprocess.Popen(
         ["ip", "netns", "exec", fleet._switch.operator, *words, "--wheel", str(fleet.wheel), "-o", "jsonl"],

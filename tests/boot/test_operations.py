@@ -85,7 +85,7 @@ def test_a_member_of_the_group_operates_the_node(node: Machine) -> None:
     )
 
 
-def test_a_member_of_the_group_changes_no_file_of_the_daemons(node: Machine) -> None:
+def test_member_of_group_changes_no_file_of_daemons(node: Machine) -> None:
     writable = node.must("find /dev/shm/swarm-uav1 -name '*.ring' -writable -not -user $USER", USER)
     assert writable == ""
     for path in ("/run/swarm/apps/tree#1.toml", "/dev/shm/swarm-uav1/nav.pose.ring", "/run/swarm/boot"):
@@ -94,7 +94,7 @@ def test_a_member_of_the_group_changes_no_file_of_the_daemons(node: Machine) -> 
     assert node.run("ls /etc/swarm/keys", USER).returncode != 0
 
 
-def test_a_module_of_a_member_is_read_by_the_daemons_and_by_root(node: Machine) -> None:
+def test_member_module_is_read_by_daemons_and_root(node: Machine) -> None:
     script = (
         "import asyncio\nfrom swarmware import Module\nfrom swarmware.types.scalar import Float\n"
         "async def main():\n"
@@ -150,14 +150,14 @@ def test_a_killed_daemon_comes_back(node: Machine, service: str) -> None:
     healed(node, lambda: pid(node, service) not in {0, before})
 
 
-def test_a_daemon_is_not_given_up_however_often_it_is_killed(node: Machine) -> None:
+def test_daemon_killed_often_is_still_restarted(node: Machine) -> None:
     kill = "p=$(systemctl show -p MainPID --value swarmd@timesync); test $p = 0 || kill -9 $p"
     node.must(f"i=0; while [ $i -lt 40 ]; do i=$((i+1)); {kill}; sleep 0.2; done")
     assert int(node.must("systemctl show -p NRestarts --value swarmd@timesync")) > 10
     healed(node)
 
 
-def test_a_daemon_that_cannot_start_takes_no_core_and_is_there_as_soon_as_it_can(node: Machine) -> None:
+def test_daemon_that_cannot_start_takes_no_core(node: Machine) -> None:
     file = "/etc/swarm/services/timesync.toml"
     node.must(f"cp {file} kept.toml; echo 'nonsense = 1' >> {file}")
     try:
@@ -171,7 +171,7 @@ def test_a_daemon_that_cannot_start_takes_no_core_and_is_there_as_soon_as_it_can
     healed(node)
 
 
-def test_a_whole_node_in_one_unit_is_back_when_all_its_processes_were_killed_at_once(node: Machine) -> None:
+def test_whole_node_in_one_unit_returns_after_kill(node: Machine) -> None:
     single, back = section(PAGE, "One unit for the whole node")
     node.must(single)
     for processes in ("one", "per-daemon"):
@@ -203,7 +203,7 @@ def test_the_guard_restarts_a_unit_through_systemd(node: Machine) -> None:
         time.sleep(0.2)
 
 
-def test_the_commands_of_every_day_work_and_a_stop_leaves_nothing(node: Machine) -> None:
+def test_everyday_commands_work_and_stop_leaves_nothing(node: Machine) -> None:
     day, devices, _realtime = section(PAGE, "Daily operation")
     lines = day.splitlines()
     stop = next(number for number, line in enumerate(lines) if line.startswith("systemctl stop"))
@@ -215,7 +215,7 @@ def test_the_commands_of_every_day_work_and_a_stop_leaves_nothing(node: Machine)
     assert set(states(node).values()) == {"active"}
 
 
-def test_services_get_the_scheduling_that_the_page_gives_them_or_say_why_not(node: Machine) -> None:
+def test_services_get_documented_scheduling_or_report_why_not(node: Machine) -> None:
     realtime = section(PAGE, "Daily operation")[2]
     config, units = "/etc/swarm/node.toml", "/etc/systemd/system/swarmd@{hal,control}.service.d/realtime.conf"
     node.must(f"cp --preserve=all {config} kept.toml")
@@ -238,7 +238,7 @@ def followed(machine: Machine, block: str) -> None:
         machine.must(f"timeout 3 {line} || test $? = 124" if "--follow" in line else line)
 
 
-def test_services_are_restarted_and_their_logs_read_as_the_pages_say(node: Machine) -> None:
+def test_services_restart_and_logs_read_as_documented(node: Machine) -> None:
     restart, logs = HOWTO / "restart.md", HOWTO / "process-logs.md"
     followed(node, section(restart, "A service, from any node")[0])
     (block,) = section(restart, "A service or a node under systemd", marked=True)
@@ -249,7 +249,7 @@ def test_services_are_restarted_and_their_logs_read_as_the_pages_say(node: Machi
     assert refused.returncode == 5 and "systemctl" in refused.stderr
 
 
-def test_the_pages_of_upgrade_and_uninstallation_are_followed_on_a_node(node: Machine) -> None:
+def test_upgrade_and_uninstallation_pages_work_on_node(node: Machine) -> None:
     upgrade, heading = HOWTO / "upgrade.md", "A node under systemd"
     removal, purge = section(HOWTO / "uninstall.md", heading, marked=True)
     node.must("swarmctl config set navigator/altitude_kp 1.7")
@@ -281,7 +281,7 @@ def test_the_pages_of_upgrade_and_uninstallation_are_followed_on_a_node(node: Ma
         node.must(section(PAGE, "Operators")[0].replace("NAME", USER))
 
 
-def test_an_upgrade_keeps_settings_and_a_removal_leaves_the_configuration(node: Machine) -> None:
+def test_upgrade_keeps_settings_and_removal_leaves_configuration(node: Machine) -> None:
     (upgrade,), (removal,) = section(PAGE, "Upgrade"), section(PAGE, "Removal")
     node.must("swarmctl config set navigator/altitude_kp 1.7")
     node.must(upgrade)

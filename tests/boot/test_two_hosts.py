@@ -158,7 +158,7 @@ def swarm(wheel: Path) -> Iterator[Swarm]:
                 found.destroy(name)
 
 
-def test_twelve_commands_lead_from_two_fresh_hosts_to_a_swarm(swarm: Swarm) -> None:
+def test_twelve_commands_turn_two_fresh_hosts_into_swarm(swarm: Swarm) -> None:
     print(f"\n{swarm.commands} commands, {swarm.took_s:.1f} s of machine time")
     assert swarm.commands <= COMMANDS_MAX
     assert swarm.took_s < MACHINE_S
@@ -183,7 +183,7 @@ def test_seeds_join_without_multicast(swarm: Swarm) -> None:
         assert [one["multicast"] for one in links if one["state"] == "up"] == [False]
 
 
-def test_the_firewall_of_the_page_admits_the_swarm_and_nothing_else(swarm: Swarm) -> None:
+def test_firewall_of_page_admits_swarm_and_nothing_else(swarm: Swarm) -> None:
     with swarm.shipped_broker():
         swarm.follow("Ports and firewall")
         swarm.until(swarm.both, "both hosts list both nodes")
@@ -249,7 +249,7 @@ def test_an_upgrade_keeps_the_swarm(swarm: Swarm) -> None:
         assert "former" not in host.must("cat /etc/systemd/system/swarmd@.service")
 
 
-def test_a_destroyed_host_is_itself_again_from_its_backup(swarm: Swarm, tmp_path: Path) -> None:
+def test_destroyed_host_is_itself_again_from_its_backup(swarm: Swarm, tmp_path: Path) -> None:
     save, restore = section(PAGE, "Backup and restore")
     swarm.hosts["uav1"].must("swarmctl config set navigator/altitude_kp 1.7")
     key = swarm.hosts["uav1"].must("sha256sum /etc/swarm/keys/node.key")
@@ -268,7 +268,7 @@ def test_a_destroyed_host_is_itself_again_from_its_backup(swarm: Swarm, tmp_path
     swarm.hosts["uav1"].must("swarmctl config set navigator/altitude_kp --default")
 
 
-def test_a_revoked_node_is_refused_and_a_new_invitation_admits_it(swarm: Swarm) -> None:
+def test_revoked_node_is_refused_until_new_invitation(swarm: Swarm) -> None:
     gcs, uav1 = swarm.hosts["gcs"], swarm.hosts["uav1"]
     symptom = symptoms()["all other nodes ignore this one"]
     try:

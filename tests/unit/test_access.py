@@ -61,7 +61,7 @@ def test_each_path_has_a_lowest_role(verb: Verb, path: str, lowest: Role) -> Non
             access.check(sender, verb, path)
 
 
-def test_a_platform_has_all_rights_on_its_own_resources() -> None:
+def test_platform_has_all_rights_on_its_own_resources() -> None:
     for path in ("cmd/abort", "sys/guard/restart", "sys/broker/set_channel"):
         Access().check(None, Verb.CALL, path)
 
@@ -73,12 +73,12 @@ def test_where_no_rule_matches_only_maintainers_may() -> None:
         access.check(GCS, Verb.SET, "nav/pose")
 
 
-def test_a_role_that_is_none_is_named_with_those_that_are() -> None:
+def test_invalid_role_is_named_with_valid_ones() -> None:
     with pytest.raises(ConfigError, match="'admiral': expected one of observer, node, operator, maintainer"):
         Role.named("admiral")
 
 
-def test_the_sender_in_an_extension_replaces_whatever_stood_there() -> None:
+def test_sender_in_extension_replaces_whatever_stood_there() -> None:
     lifetime = with_lifetime(2.0)
     forged = with_sender(lifetime, Sender("gcs", Role.MAINTAINER))
     assert sender_of(forged) == Sender("gcs", Role.MAINTAINER)
@@ -87,7 +87,7 @@ def test_the_sender_in_an_extension_replaces_whatever_stood_there() -> None:
     assert sender_of(lifetime) is None
 
 
-def test_the_arrival_in_an_extension_replaces_whatever_stood_there_and_stands_beside_the_sender() -> None:
+def test_arrival_replaces_former_extension_beside_sender() -> None:
     lifetime = with_lifetime(2.0)
     forged = with_sender(lifetime, GCS, 5)
     assert sender_and_arrival_ns(forged) == (GCS, 5)
@@ -97,7 +97,7 @@ def test_the_arrival_in_an_extension_replaces_whatever_stood_there_and_stands_be
 
 
 @given(st.binary(max_size=255))
-def test_an_extension_of_any_bytes_is_refused_or_says_who_really_sent_it(extension: bytes) -> None:
+def test_any_extension_is_refused_or_names_sender(extension: bytes) -> None:
     sender_and_arrival_ns(extension)
     try:
         written = with_sender(extension, GCS, 2**62)
@@ -135,7 +135,7 @@ def test_answers_and_what_nobody_takes_pass() -> None:
     gate().check(question(), "uav2", None)
 
 
-def test_a_sender_that_a_frame_brings_along_is_not_believed() -> None:
+def test_sender_inside_frame_is_ignored() -> None:
     frame = question(extension=with_sender(b"", Sender("gcs", Role.MAINTAINER)))
     gate().check(frame, "uav2", "plan/share")
     assert sender_of(frame.extension) == Sender("uav2", Role.NODE)
@@ -144,7 +144,7 @@ def test_a_sender_that_a_frame_brings_along_is_not_believed() -> None:
     assert sender_of(frame.extension) is None
 
 
-def test_an_arrival_that_a_frame_brings_along_is_not_believed() -> None:
+def test_arrival_inside_frame_is_ignored() -> None:
     for keys in (gate(), AccessFilter("uav9", None, Access())):
         asked = question(extension=with_sender(b"", None, 1))
         keys.check(asked, "uav2", "plan/share", 1000)
@@ -154,7 +154,7 @@ def test_an_arrival_that_a_frame_brings_along_is_not_believed() -> None:
         assert sender_and_arrival_ns(answered.extension)[1] is None
 
 
-def test_a_user_has_the_lower_one_of_its_role_and_that_of_its_platform() -> None:
+def test_user_has_lower_of_two_roles() -> None:
     for role, platform, expected in [
         (Role.OBSERVER, "gcs", Role.OBSERVER),
         (Role.MAINTAINER, "gcs", Role.OPERATOR),
@@ -171,7 +171,7 @@ def test_a_denial_names_the_user_with_its_role() -> None:
         gate().check(frame, "gcs", "cmd/goto")
 
 
-def test_a_refusal_has_the_role_of_its_sender_on_the_roster() -> None:
+def test_refusal_has_role_of_its_sender_on_roster() -> None:
     one = gate()
     known = one.denied("uav2", Verb.CALL, "cmd/abort", "no", "anna", ("uav3",))
     assert (known.platform, known.role, known.path) == ("uav2", "node", "cmd/abort")
@@ -179,7 +179,7 @@ def test_a_refusal_has_the_role_of_its_sender_on_the_roster() -> None:
     assert one.denied("10.0.0.9", "connect", "", "no").role == UNKNOWN
 
 
-def test_another_roster_changes_the_role_of_a_sender_that_is_known_already() -> None:
+def test_another_roster_changes_role_of_sender() -> None:
     one = gate()
     one.check(question(), "gcs", "cmd/goto")
     one.set_roles({"gcs": Role.OBSERVER, "uav2": Role.OPERATOR})
@@ -188,7 +188,7 @@ def test_another_roster_changes_the_role_of_a_sender_that_is_known_already() -> 
     one.check(question(), "uav2", "cmd/goto")
 
 
-def test_applications_of_another_unit_of_the_platform_have_its_rights_and_its_users_their_own() -> None:
+def test_other_units_applications_have_platform_rights() -> None:
     members = (RosterMember("uav2", b"", b"", "node", 1),)
     own = AccessFilter("uav2", Roster(1, members, revoked=()).roles(), Access())
     frame = question()

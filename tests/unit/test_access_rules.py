@@ -47,7 +47,7 @@ def may_command(rules: AccessRules) -> bool:
     return rules.access.permits(NODE, Verb.CALL, "cmd/goto")
 
 
-def test_a_changed_file_is_in_force_after_two_polls_and_known_decisions_follow_it(tmp_path: Path) -> None:
+def test_changed_file_holds_after_two_polls(tmp_path: Path) -> None:
     file, rules = started(tmp_path, FREE)
     access, version = rules.access, rules.version
     assert may_command(rules)
@@ -60,7 +60,7 @@ def test_a_changed_file_is_in_force_after_two_polls_and_known_decisions_follow_i
     assert rules.version == version + 1
 
 
-def test_a_file_that_is_still_being_written_is_not_read(tmp_path: Path) -> None:
+def test_incompletely_written_file_is_not_read(tmp_path: Path) -> None:
     file, rules = started(tmp_path, STRICT)
     for text in ("", "[[ru", '[[rule]]\nverb = "call"', FREE):
         file.write(text)
@@ -71,9 +71,7 @@ def test_a_file_that_is_still_being_written_is_not_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", [INVALID, "[[operator", "rule = 3", FREE + "\nunknown = 1\n", "\x00"])
-def test_an_invalid_file_leaves_the_former_rules_in_force_and_says_so_once(
-    tmp_path: Path, text: str, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_invalid_file_keeps_former_rules(tmp_path: Path, text: str, caplog: pytest.LogCaptureFixture) -> None:
     file, rules = started(tmp_path, STRICT)
     file.write(text)
     with caplog.at_level(logging.INFO):
@@ -89,7 +87,7 @@ def test_an_invalid_file_leaves_the_former_rules_in_force_and_says_so_once(
     assert (rules.problem, may_command(rules)) == ("", True)
 
 
-def test_a_removed_file_leaves_the_former_rules_in_force(tmp_path: Path) -> None:
+def test_removed_file_leaves_former_rules_in_force(tmp_path: Path) -> None:
     file, rules = started(tmp_path, FREE)
     file.path.unlink()
     rules.poll()
@@ -111,7 +109,7 @@ def test_a_file_may_come_after_the_start(tmp_path: Path) -> None:
     assert may_command(rules)
 
 
-def test_a_service_does_not_start_with_an_invalid_file_and_does_after_a_valid_one(tmp_path: Path) -> None:
+def test_service_starts_only_with_valid_file(tmp_path: Path) -> None:
     file, rules = File(tmp_path, INVALID), AccessRules(tmp_path)
     with pytest.raises(ConfigError, match=r"acl.toml: line 4: key rule\[0\].role"):
         rules.check()
@@ -126,7 +124,7 @@ def test_a_service_does_not_start_with_an_invalid_file_and_does_after_a_valid_on
     rules.check()  # a restart of a service within the process: the former rules are in force
 
 
-def test_a_user_has_the_role_of_the_changed_file_without_a_new_connection(tmp_path: Path) -> None:
+def test_user_gets_changed_role_without_reconnecting(tmp_path: Path) -> None:
     file = File(tmp_path, '[[operator]]\nuser = "nobody"\nname = "anna"\nrole = "operator"\n')
     rules = AccessRules(tmp_path)
     callers = Callers(rules, "uav1", 4242)
@@ -137,7 +135,7 @@ def test_a_user_has_the_role_of_the_changed_file_without_a_new_connection(tmp_pa
     assert callers.caller(OTHER) == Caller("anna", Role.OBSERVER)
 
 
-async def test_denied_users_are_counted_and_logged_once_a_second_with_their_number(
+async def test_denied_users_are_counted_and_logged_periodically(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     callers = Callers(AccessRules(tmp_path), "uav1", 4242)

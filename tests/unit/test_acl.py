@@ -44,14 +44,12 @@ def test_the_shipped_file_is_the_default(tmp_path: Path) -> None:
         ("[[rule", "acl.toml"),
     ],
 )
-def test_an_error_in_the_file_names_its_place_and_what_was_expected(
-    tmp_path: Path, text: str, message: str
-) -> None:
+def test_file_error_names_place_and_expectation(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         load_acl(write(tmp_path, text))
 
 
-def test_rules_of_a_file_replace_the_default_and_the_first_that_matches_decides(tmp_path: Path) -> None:
+def test_first_matching_rule_of_file_decides(tmp_path: Path) -> None:
     text = (
         '[[rule]]\nverb = "call"\npath = "cmd/abort"\nrole = "node"\n'
         '[[rule]]\nverb = "call"\npath = "cmd/**"\nrole = "maintainer"\n'
@@ -88,9 +86,7 @@ def group_of_nobody() -> str:
         ),
     ],
 )
-def test_a_user_has_its_own_entry_else_that_of_its_groups_else_it_observes(
-    operators: tuple[OperatorEntry, ...], caller: Caller
-) -> None:
+def test_user_has_own_then_groups_then_observer(operators: tuple[OperatorEntry, ...], caller: Caller) -> None:
     assert caller_of_user(OTHER, operators) == caller
 
 
@@ -98,7 +94,7 @@ def test_a_user_without_a_name_observes() -> None:
     assert caller_of_user(3_999_999_999, AclConfig().operator) == Caller("_3999999999", Role.OBSERVER)
 
 
-def test_root_and_the_user_of_the_node_have_the_rights_of_the_platform(tmp_path: Path) -> None:
+def test_root_and_node_user_have_platform_rights(tmp_path: Path) -> None:
     callers = Callers(AccessRules(tmp_path), "uav1", 4242)
     assert [callers.caller(uid) for uid in (0, 4242, os.geteuid())] == [None, None, None]
     assert callers.caller(OTHER) == Caller("nobody", Role.OBSERVER)

@@ -16,7 +16,7 @@ def test_each_installed_airframe_is_valid(name: str) -> None:
     assert load_airframe(SHARE, name).body.mass_kg > 0.0
 
 
-def test_there_are_airframes_of_a_kilogram_and_a_half_and_of_fourteen() -> None:
+def test_airframes_of_both_weights_exist() -> None:
     masses = {load_airframe(SHARE, name).body.mass_kg for name in INSTALLED}
     assert masses >= {1.5, 14.0}
 
@@ -54,7 +54,7 @@ def changed(tmp_path: Path, old: str, new: str) -> Path:
         ("control_hz = 100.0", "control_hz = 10.0", r"mine\.toml: line 8: key control_hz: .*>= 50"),
     ],
 )
-def test_an_airframe_that_cannot_fly_is_refused_with_the_key(
+def test_airframe_that_cannot_fly_is_refused_with_key(
     tmp_path: Path, old: str, new: str, message: str
 ) -> None:
     with pytest.raises(ConfigError, match=message):
@@ -72,7 +72,7 @@ def test_three_rotors_are_not_enough(tmp_path: Path) -> None:
         load_airframe(tmp_path, "tri")
 
 
-def test_an_unknown_airframe_is_refused_with_the_known_ones(tmp_path: Path) -> None:
+def test_unknown_airframe_is_refused_with_known_ones(tmp_path: Path) -> None:
     with pytest.raises(
         ConfigError, match=r"quad\.toml: no airframe 'quad'; expected one of .*hexa_14k.*quad_1k5"
     ):

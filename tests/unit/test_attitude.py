@@ -29,12 +29,12 @@ def test_euler_angles_survive_the_quaternion(angles: Vector) -> None:
 
 
 @given(ANGLES, VECTORS)
-def test_what_is_turned_to_the_map_and_back_is_the_same(angles: Vector, vector: Vector) -> None:
+def test_rotation_to_map_and_back_is_identity(angles: Vector, vector: Vector) -> None:
     m = matrix(from_euler(*angles))
     assert to_body(m, to_map(m, vector)) == pytest.approx(vector, abs=1e-9)
 
 
-def test_a_turn_to_the_left_shows_forward_to_the_north_and_positive_pitch_lowers_the_nose() -> None:
+def test_left_turn_points_north_pitch_lowers_nose() -> None:
     assert to_map(matrix(from_euler(0, 0, math.pi / 2)), (1.0, 0.0, 0.0)) == pytest.approx((0.0, 1.0, 0.0))
     assert to_map(matrix(from_euler(0, 0.5, 0)), (1.0, 0.0, 0.0))[2] == pytest.approx(-math.sin(0.5))
     assert to_map(matrix(from_euler(0.5, 0, 0)), (0.0, 1.0, 0.0))[2] == pytest.approx(math.sin(0.5))
@@ -53,13 +53,13 @@ def test_many_small_turns_are_one_large_turn(rates: Vector) -> None:
     assert abs(sum(a * b for a, b in zip(small, large, strict=True))) == pytest.approx(1.0, abs=1e-9)
 
 
-def test_a_body_that_does_not_turn_keeps_its_attitude_exactly() -> None:
+def test_body_without_turn_keeps_attitude_exactly() -> None:
     q = from_euler(0.1, 0.2, 0.3)
     assert turned(q, (0.0, 0.0, 0.0), 0.01) == pytest.approx(q, abs=1e-15)
 
 
 @given(ANGLES, VECTORS)
-def test_levelling_is_the_turn_to_the_map_without_the_heading(angles: Vector, vector: Vector) -> None:
+def test_levelling_is_turn_to_map_without_heading(angles: Vector, vector: Vector) -> None:
     roll, pitch, _ = angles
     assert levelled(vector, roll, pitch) == pytest.approx(
         to_map(matrix(from_euler(roll, pitch, 0.0)), vector), abs=1e-9

@@ -58,7 +58,7 @@ async def test_an_application_cannot_declare_such_a_pair(tmp_path: Path) -> None
         assert module.reader(OTHER, Float).value is None
 
 
-async def test_two_applications_of_a_node_cannot_declare_such_a_pair(
+async def test_two_applications_of_node_cannot_declare_such_pair(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with tmp_node(tmp_path) as node, Module("first", node=node) as first:
@@ -78,7 +78,7 @@ async def test_two_applications_of_a_node_cannot_declare_such_a_pair(
                 third.inbox(OTHER, Float)
 
 
-def test_the_tree_leaves_out_the_later_one_until_the_first_has_gone(
+def test_later_duplicate_is_omitted_until_first_left(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     tree = core("uav1", ())
@@ -105,7 +105,7 @@ def met(there: tuple[Resource, ...], *patterns: str, own: tuple[Resource, ...] =
 
 
 @pytest.mark.parametrize("patterns", [(f"/uav1/{ONE}",), (f"/uav1/{OTHER}",), ("/uav1/payload/*",)])
-def test_boards_of_another_platform_with_one_number_are_not_received(patterns: tuple[str, ...]) -> None:
+def test_equally_numbered_boards_of_another_are_ignored(patterns: tuple[str, ...]) -> None:
     # a node of another version, or a template that was not checked, has both
     units = met(BOARDS, *patterns)
     assert units.trees["gcs"].replicas.wants() == []
@@ -117,7 +117,7 @@ def test_one_of_them_alone_is_received() -> None:
     assert [want.path for want in met(BOARDS[:1], "/uav1/*/*").trees["gcs"].replicas.wants()] == [ONE]
 
 
-def test_equal_numbers_of_two_platforms_are_a_fault_with_both_names() -> None:
+def test_equal_numbers_of_platforms_are_named_fault() -> None:
     tree = met(BOARDS[1:], f"/uav1/{OTHER}", own=BOARDS[:1]).trees["gcs"]
     watch = NumberWatch(tree.local, tree.replicas)
     assert watch.texts() == [clash_text(f"/uav1/{OTHER}", BOARDS[0])]

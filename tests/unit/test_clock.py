@@ -9,7 +9,7 @@ MONO = st.integers(0, 10**17)
 
 
 @given(MONO, st.floats(-3600, 3600), st.floats(-500, 500))
-def test_stamps_convert_back_to_the_instant_they_were_taken(
+def test_stamps_convert_back_to_instant_they_were_taken(
     mono_ns: int, offset_s: float, drift_ppm: float
 ) -> None:
     clock = Clock(offset_s, drift_ppm)

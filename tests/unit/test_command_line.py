@@ -35,7 +35,7 @@ REFUSED = [
 
 
 @pytest.mark.parametrize("words", LINES, ids=" ".join)
-def test_a_command_line_means_what_argparse_makes_of_it(words: list[str]) -> None:
+def test_command_line_means_what_argparse_makes_of_it(words: list[str]) -> None:
     expected = parser().parse_args(words)
     found = parse(words)
     assert (found.command, found.config) == (expected.command, getattr(expected, "config", None))
@@ -45,7 +45,7 @@ def test_a_command_line_means_what_argparse_makes_of_it(words: list[str]) -> Non
 
 
 @pytest.mark.parametrize("words", REFUSED, ids=" ".join)
-def test_a_wrong_command_line_is_refused_with_the_usage(
+def test_invalid_command_line_is_refused_with_usage(
     words: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as refused:
@@ -60,7 +60,7 @@ def test_options_have_no_default_in_common() -> None:
     assert second.services == []
 
 
-def test_the_process_of_a_node_reads_its_command_line_without_argparse() -> None:
+def test_node_process_parses_arguments_without_argparse() -> None:
     code = (
         "import sys; from swarmd.main import parse; parse(['run', 'tree', '--config', 'etc'])\n"
         "print(*sys.modules)"

@@ -40,7 +40,7 @@ HEADER = struct.Struct("<BBBBIIH")
         ("auto", Method.AUTO, 0),
     ],
 )
-def test_a_compression_is_a_method_with_or_without_its_level(text: str, method: Method, level: int) -> None:
+def test_compression_is_method_with_or_without_its_level(text: str, method: Method, level: int) -> None:
     found = Compression.parse(text)
     assert (found.method, found.level) == (method, level)
     assert Compression.parse(str(found)) == found
@@ -58,14 +58,14 @@ def test_a_compression_is_a_method_with_or_without_its_level(text: str, method: 
         ("h264:3", "without a level"),
     ],
 )
-def test_any_other_text_is_refused_with_what_was_expected(text: str, reason: str) -> None:
+def test_other_text_is_refused_with_expectation(text: str, reason: str) -> None:
     with pytest.raises(InvalidInput, match=reason):
         Compression.parse(text)
 
 
 @pytest.mark.parametrize("packets", [1, 2, 26, 76])
 @pytest.mark.parametrize("head", [0, 4])
-def test_packets_of_a_lidar_come_back_bit_for_bit(packets: int, head: int) -> None:
+def test_packets_of_lidar_come_back_bit_for_bit(packets: int, head: int) -> None:
     size = VLP16_PACKET + head
     data = b"before" + b"".join(
         bytes(head) + RECORDING[at * VLP16_PACKET : (at + 1) * VLP16_PACKET] for at in range(packets)
@@ -76,7 +76,7 @@ def test_packets_of_a_lidar_come_back_bit_for_bit(packets: int, head: int) -> No
 
 
 @given(st.binary(max_size=4), st.integers(0, 3), st.data())
-def test_any_bytes_of_the_size_of_packets_come_back(before: bytes, packets: int, data: st.DataObject) -> None:
+def test_any_bytes_of_size_of_packets_come_back(before: bytes, packets: int, data: st.DataObject) -> None:
     payload = before + data.draw(st.binary(min_size=packets * 1206, max_size=packets * 1206))
     records = Records(Layout.VLP16, 1206, packets * 1206)
     assert revert(apply(payload, records), records) == payload
@@ -88,7 +88,7 @@ def test_any_records_come_back_also_with_a_rest(payload: bytes, record_bytes: in
     assert revert(apply(payload, records), records) == payload
 
 
-def test_a_turn_of_a_lidar_becomes_a_third_and_a_single_packet_half() -> None:
+def test_lidar_turn_shrinks_to_third_packet_half() -> None:
     turn = RECORDING[: 76 * VLP16_PACKET]
     for compression in (ZLIB, ZSTD):
         packed = pack(turn, compression, vlp16_records(turn))
@@ -100,7 +100,7 @@ def test_a_turn_of_a_lidar_becomes_a_third_and_a_single_packet_half() -> None:
     assert len(pack(packet, ZSTD, vlp16_records(packet))) < 0.5 * len(packet)
 
 
-def test_only_the_packets_of_a_vlp16_are_taken_for_them() -> None:
+def test_only_packets_of_vlp16_are_taken_for_them() -> None:
     packet = RECORDING[:VLP16_PACKET]
     assert vlp16_records(packet).layout is Layout.VLP16
     for other in (b"", packet[:-1], packet[1:] + b"\0"):
@@ -108,7 +108,7 @@ def test_only_the_packets_of_a_vlp16_are_taken_for_them() -> None:
 
 
 @given(st.binary(min_size=1, max_size=3000), st.sampled_from(["zlib:1", "zlib:9", "zstd:1", "zstd:19"]))
-def test_a_payload_comes_back_and_cut_short_it_is_refused(payload: bytes, method: str) -> None:
+def test_payload_round_trips_and_truncated_is_refused(payload: bytes, method: str) -> None:
     packed = pack(payload, Compression.parse(method))
     assert unpack(packed) == payload
     for cut in range(0, len(packed), max(1, len(packed) // 7)):
@@ -117,7 +117,7 @@ def test_a_payload_comes_back_and_cut_short_it_is_refused(payload: bytes, method
 
 
 @given(st.binary(max_size=200))
-def test_garbage_is_refused_with_the_error_of_the_wire(data: bytes) -> None:
+def test_garbage_is_refused_with_error_of_wire(data: bytes) -> None:
     with pytest.raises(WireError):
         unpack(data)
 
@@ -129,7 +129,7 @@ def test_garbage_is_refused_with_the_error_of_the_wire(data: bytes) -> None:
     ),
     st.sampled_from([zlib.compress(bytes(3000)), zstandard.compress(bytes(3000)), b""]),
 )  # fmt: skip
-def test_a_header_that_does_not_fit_its_data_is_refused(header: tuple[int, ...], body: bytes) -> None:
+def test_header_unlike_its_data_is_refused(header: tuple[int, ...], body: bytes) -> None:
     try:
         assert len(unpack(HEADER.pack(*header) + body)) == 3000
     except WireError:
@@ -168,7 +168,7 @@ def test_each_wrong_field_of_a_header_is_named(header: tuple[int, ...], reason: 
     ],
     ids=["zlib", "zstd", "zstd without a size"],
 )
-def test_a_bomb_takes_no_more_memory_than_its_header_states(bomb: bytes) -> None:
+def test_bomb_takes_stated_memory_at_most(bomb: bytes) -> None:
     tracemalloc.start()
     try:
         with pytest.raises(WireError):
@@ -179,6 +179,6 @@ def test_a_bomb_takes_no_more_memory_than_its_header_states(bomb: bytes) -> None
     assert peak < 1_000_000
 
 
-def test_a_receiver_must_read_the_method_and_the_layout() -> None:
+def test_receiver_must_read_method_and_layout() -> None:
     assert needs(ZLIB) == {"zlib"}
     assert needs(ZSTD, Records(Layout.VLP16, 1206, 1206)) == {"zstd", "vlp16"}

@@ -28,7 +28,7 @@ from swarmware.model import config
         ("clock = 3", r"line 1: key clock: expected `object`, got `int` \(it is 3\)"),
     ],
 )
-def test_an_error_is_named_by_file_line_key_and_expectation(text: str, message: str) -> None:
+def test_error_names_file_line_key_and_expectation(text: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         config.parse(text, config.NodeConfig, "node.toml")
 
@@ -59,7 +59,7 @@ def test_the_share_directory_of_this_checkout_is_found() -> None:
 
 
 @given(st.text(max_size=60))
-def test_any_text_is_a_configuration_or_a_config_error(text: str) -> None:
+def test_any_text_is_configuration_or_config_error(text: str) -> None:
     with contextlib.suppress(ConfigError):
         assert isinstance(config.parse(text, config.NodeConfig, "node.toml"), config.NodeConfig)
 
@@ -79,7 +79,7 @@ def test_names_of_services_are_checked(services: str, message: str) -> None:
     assert config.parse('services = ["a-b", "ab"]', config.NodeConfig, "node.toml").services == ("a-b", "ab")
 
 
-def test_settings_under_the_other_spelling_of_a_service_are_not_passed_over(tmp_path: Path) -> None:
+def test_misspelt_service_settings_are_not_ignored(tmp_path: Path) -> None:
     (tmp_path / "services").mkdir()
     (tmp_path / "services" / "temp_sensor.toml").write_text("")
     with pytest.raises(

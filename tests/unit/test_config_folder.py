@@ -90,16 +90,14 @@ def test_there_is_no_second_variable(
     assert str(tmp_path / "other") not in error
 
 
-def test_a_lab_that_is_named_goes_before_the_variable(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_lab_that_is_named_goes_before_variable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SWARM_CONFIG", str(tmp_path))
     assert config_dir(CliSettings()) == tmp_path
     with pytest.raises(NotFound, match="field"):
         config_dir(CliSettings(lab="field"))
 
 
-def test_swarmd_names_the_units_of_the_services_in_node_toml(
+def test_swarmd_names_units_of_services_in_node_toml(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = make_node(tmp_path, services={"broker": {}, "temp-sensor": {}})

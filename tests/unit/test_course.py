@@ -20,14 +20,14 @@ def test_a_straight_course_is_measured_in_metres() -> None:
     assert point.curvature_1_m == 0.0
 
 
-def test_before_the_beginning_and_behind_the_end_it_goes_on_straight() -> None:
+def test_course_continues_straight_beyond_both_ends() -> None:
     course = Course(((0.0, 0.0), (10.0, 0.0)))
     assert (course.at(-5.0).x_m, course.at(15.0).x_m) == pytest.approx((-5.0, 15.0))
     assert course.project(-7.0, 3.0) == pytest.approx(-7.0)
     assert course.project(17.0, 3.0) == pytest.approx(17.0)
 
 
-def test_a_turn_is_an_arc_of_the_wanted_radius() -> None:
+def test_turn_is_arc_of_wanted_radius() -> None:
     course = Course(COURSE)
     curvatures = {round(course.at(s / 4).curvature_1_m, 6) for s in range(400)}
     assert curvatures == {0.0, round(1 / TURN_RADIUS_M, 6), round(-1 / TURN_RADIUS_M, 6)}
@@ -53,7 +53,7 @@ def test_the_position_never_jumps(
 
 
 @given(st.floats(-20, 120), st.floats(-12, 12))
-def test_a_point_beside_the_course_projects_onto_its_foot(s: float, aside: float) -> None:
+def test_point_beside_course_projects_onto_its_foot(s: float, aside: float) -> None:
     course = Course(COURSE)
     point = course.at(s)
     x = point.x_m - aside * math.sin(point.heading_rad)
@@ -61,7 +61,7 @@ def test_a_point_beside_the_course_projects_onto_its_foot(s: float, aside: float
     assert course.project(x, y, s) == pytest.approx(s, abs=1e-6)
 
 
-def test_a_course_that_crosses_itself_is_followed_from_where_one_was() -> None:
+def test_self_crossing_course_is_followed_from_place() -> None:
     loop = Course(((0.0, 0.0), (100.0, 0.0), (100.0, 80.0), (50.0, 80.0), (50.0, -50.0)), turn_radius_m=5.0)
     assert loop.project(50.0, 0.0) == pytest.approx(50.0)
     later = loop.length_m - 50.0
@@ -79,7 +79,7 @@ def test_a_course_needs_two_waypoints(points: tuple[tuple[float, float], ...]) -
         Course(points)
 
 
-def test_a_way_back_on_itself_is_a_corner_not_an_arc() -> None:
+def test_way_back_on_itself_is_corner_not_arc() -> None:
     course = Course(((0.0, 0.0), (10.0, 0.0), (0.0, 0.0)))
     assert course.length_m == pytest.approx(20.0)
     assert course.at(15.0).x_m == pytest.approx(5.0)

@@ -65,7 +65,7 @@ def again(cls: type[msgspec.Struct]) -> type[msgspec.Struct]:
 
 
 @pytest.mark.parametrize("cls", every_type(), ids=lambda cls: cls.__name__)
-def test_every_common_type_can_be_described_and_made_again(cls: type[msgspec.Struct]) -> None:
+def test_every_common_type_is_described_and_rebuilt(cls: type[msgspec.Struct]) -> None:
     made = again(cls)
     assert [field.encode_name for field in msgspec.structs.fields(made)] == [
         field.encode_name for field in msgspec.structs.fields(cls)
@@ -73,7 +73,7 @@ def test_every_common_type_can_be_described_and_made_again(cls: type[msgspec.Str
     assert made.__struct_config__.array_like == cls.__struct_config__.array_like
 
 
-def test_values_of_a_described_type_have_their_names_again_at_any_depth() -> None:
+def test_described_values_have_names_at_any_depth() -> None:
     value = Weather(1.5, Sky.CLOUDED, [Gust(2.0, 3.0)], {"a": (1, Gust(4.0))}, Weather(2.0), level=4)
     found = msgspec.to_builtins(registry.decode(again(Weather), registry.encode(value)))
     assert found["tempDegc"] == 1.5
@@ -95,7 +95,7 @@ def test_defaults_ranges_and_meanings_are_described() -> None:
         registry.decode(again(Weather), msgspec.msgpack.encode({"tempDegc": 1.0, "level": 9}))
 
 
-def test_an_open_vocabulary_takes_a_word_of_a_later_version() -> None:
+def test_open_vocabulary_takes_word_of_later_version() -> None:
     made = again(VehicleState)
     assert (
         msgspec.to_builtins(registry.decode(made, msgspec.msgpack.encode([True, False, "hover"])))[2]
@@ -141,7 +141,7 @@ STRUCTS = st.builds(
 
 
 @given(st.lists(STRUCTS, min_size=1, max_size=3).map(tuple))
-def test_what_describes_no_type_is_refused_and_nothing_of_it_is_run(structs: Any) -> None:
+def test_invalid_description_is_refused_and_never_run(structs: Any) -> None:
     try:
         made = class_of(TypeDescription(structs))
     except WireError:
@@ -175,5 +175,5 @@ def test_the_end_of_a_name_is_its_unit(name: str, unit: str) -> None:
     assert unit_of(name) == unit
 
 
-def test_a_whole_number_with_a_short_name_is_a_count() -> None:
+def test_whole_number_with_short_name_is_count() -> None:
     assert (unit_of("pages_s", whole=True), unit_of("stamp_ns", whole=True)) == ("", "ns")

@@ -47,7 +47,7 @@ BOMBS = {
 
 
 @pytest.mark.parametrize("bomb", BOMBS)
-def test_toml_that_no_reader_can_take_is_refused_with_its_source(bomb: str) -> None:
+def test_unreadable_toml_is_refused_with_source(bomb: str) -> None:
     with pytest.raises(ConfigError, match=r"^node\.toml: "):
         document.toml(BOMBS[bomb], "node.toml")
 
@@ -64,12 +64,12 @@ def test_toml_that_no_reader_can_take_is_refused_with_its_source(bomb: str) -> N
         ("[a]\nb = 36893488147419103232", "f: line 2: key a.b: a number of more than 64 bits"),
     ],
 )
-def test_the_line_or_the_key_of_a_mistake_is_named(content: str, message: str) -> None:
+def test_line_or_key_of_mistake_is_named(content: str, message: str) -> None:
     with pytest.raises(ConfigError, match="^" + re.escape(message) + "$"):
         document.toml(content, "f")
 
 
-def test_a_file_that_is_no_text_or_has_no_end_is_refused(tmp_path: Path) -> None:
+def test_binary_or_endless_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "node.toml"
     path.write_bytes(b'platform = "uav1"\nkind = "\xff"\n')
     with pytest.raises(ConfigError, match=r"node\.toml: line 2: cannot be read: not UTF-8"):
@@ -94,7 +94,7 @@ def test_a_file_that_is_no_text_or_has_no_end_is_refused(tmp_path: Path) -> None
     ],
     ids=lambda content: content[:20],
 )
-def test_json_that_no_reader_can_take_is_refused_with_its_source(content: str) -> None:
+def test_unreadable_json_is_refused_with_source(content: str) -> None:
     with pytest.raises(ConfigError, match=r"^lab\.json: "):
         document.json(content, labs.LabState, "lab.json")
 
@@ -224,7 +224,7 @@ def damaged(draw: st.DrawFn) -> bytes:
 @example(content=_bombs[0])
 @example(content=_bombs[3])
 @example(content=_bombs[5])
-def test_whatever_stands_in_a_file_its_reader_takes_it_or_says_what_is_wrong(
+def test_any_file_is_accepted_or_explained(
     tmp_path: Path, reader: Callable[[Path], None], content: bytes
 ) -> None:
     path = tmp_path / "file.toml"
@@ -237,14 +237,14 @@ def test_whatever_stands_in_a_file_its_reader_takes_it_or_says_what_is_wrong(
         path.unlink(missing_ok=True)
 
 
-def test_an_application_file_that_nests_too_deep_is_no_application_file() -> None:
+def test_deeply_nested_application_file_is_refused() -> None:
     text = encode(_ENTRY).decode().rpartition("# crc32")[0].replace("b = 1", "b = " + "[" * DEEP + "]" * DEEP)
     data = f"{text}# crc32 {zlib.crc32(text.encode()):08x}\n".encode()
     with pytest.raises(WireError, match=r"x\.toml: not an application file: .*nested"):
         decode(data, "x.toml")
 
 
-def test_a_setting_that_is_infinite_is_kept_over_a_restart(tmp_path: Path) -> None:
+def test_setting_that_is_infinite_is_kept_over_restart(tmp_path: Path) -> None:
     store = SettingsStore(tmp_path / "settings.toml")
     store.put("config/limit", SettingChange(utc_ns=1, by="", before=0.0, after=float("inf")))
     kept = SettingsStore(tmp_path / "settings.toml").get("config/limit")

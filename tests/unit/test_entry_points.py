@@ -24,7 +24,7 @@ def by_the_standard_library(group: str) -> list[tuple[str, str]]:
 
 
 @pytest.mark.parametrize("group", GROUPS)
-def test_the_installed_entry_points_are_those_of_the_standard_library(group: str) -> None:
+def test_installed_entry_points_are_those_of_standard_library(group: str) -> None:
     assert sorted((point.name, point.value) for point in entry_points(group)) == by_the_standard_library(
         group
     )
@@ -41,16 +41,14 @@ def test_comments_extras_and_other_groups_are_distinguished(
     assert by_the_standard_library("swarmware.drivers") == [("lidar", "pkg.mod:make")]
 
 
-def test_of_two_versions_the_first_on_the_path_is_taken(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_first_of_two_versions_on_path_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for folder, value in (("first", "new:make"), ("second", "old:make")):
         package(tmp_path / folder, "My_Pkg-1.0.dist-info", f"[swarmware.drivers]\nlidar = {value}\n")
     monkeypatch.setattr(sys, "path", [str(tmp_path / "first"), str(tmp_path / "second"), *sys.path])
     assert [point.value for point in entry_points("swarmware.drivers")] == ["new:make"]
 
 
-def test_an_entry_point_loads_a_nested_object_and_a_module() -> None:
+def test_entry_point_loads_nested_object_and_module() -> None:
     assert EntryPoint("x", "pathlib:Path.home", "g").load() == Path.home
     assert EntryPoint("x", "pathlib", "g").load() is sys.modules["pathlib"]
     with pytest.raises(ModuleNotFoundError, match="nosuch"):

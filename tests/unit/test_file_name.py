@@ -46,7 +46,7 @@ def test_what_may_lead_elsewhere_is_refused(name: str) -> None:
 
 
 @given(st.text(st.sampled_from("./\\a\n\0 -~"), max_size=12) | st.text(max_size=8))
-def test_an_accepted_name_is_an_entry_of_the_folder_itself(name: str) -> None:
+def test_accepted_name_is_entry_of_folder_itself(name: str) -> None:
     assert accepted(FileName, name) == is_file_name(name)
     if is_file_name(name):
         assert (Path("/folder") / name).parent == Path("/folder")
@@ -54,9 +54,7 @@ def test_an_accepted_name_is_an_entry_of_the_folder_itself(name: str) -> None:
 
 
 @pytest.mark.parametrize(("cls", "field"), PLACES, ids=lambda one: getattr(one, "__name__", one))
-def test_each_field_that_is_joined_to_a_folder_takes_file_names_alone(
-    cls: type[msgspec.Struct], field: str
-) -> None:
+def test_fields_joined_to_folder_accept_names_alone(cls: type[msgspec.Struct], field: str) -> None:
     kind = next(one.type for one in msgspec.structs.fields(cls) if one.name == field)
     assert get_origin(kind) is Annotated
     assert get_args(kind)[0] is str

@@ -9,7 +9,7 @@ import pytest
 from swarmware.runtime.filewriter import replace_file, write_result
 
 
-def test_a_file_is_made_and_replaced_with_its_mode_whatever_the_umask_is(tmp_path: Path) -> None:
+def test_file_is_replaced_with_mode_despite_umask(tmp_path: Path) -> None:
     path = tmp_path / "node.key"
     before = os.umask(0o077)
     try:
@@ -22,7 +22,7 @@ def test_a_file_is_made_and_replaced_with_its_mode_whatever_the_umask_is(tmp_pat
     assert [file.name for file in tmp_path.iterdir()] == ["node.key"]
 
 
-def test_who_has_the_former_file_open_reads_it_to_its_end(tmp_path: Path) -> None:
+def test_former_file_is_readable_to_its_end(tmp_path: Path) -> None:
     path = tmp_path / "journal.json"
     replace_file(path, b"former")
     with path.open("rb") as file:
@@ -31,7 +31,7 @@ def test_who_has_the_former_file_open_reads_it_to_its_end(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(("where", "call"), [(os, "open"), (os, "fchmod"), (os, "fsync"), (Path, "replace")])
-def test_a_full_disk_leaves_the_former_content_and_nothing_else(
+def test_full_disk_leaves_former_content_and_nothing_else(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: object, call: str
 ) -> None:
     path = tmp_path / "settings.toml"
@@ -48,7 +48,7 @@ def test_a_full_disk_leaves_the_former_content_and_nothing_else(
     assert [file.name for file in tmp_path.iterdir()] == ["settings.toml"]
 
 
-def test_a_link_at_the_unfinished_name_is_not_written_through(tmp_path: Path) -> None:
+def test_link_at_unfinished_name_is_not_written_through(tmp_path: Path) -> None:
     victim = tmp_path / "victim"
     victim.write_bytes(b"untouched")
     (tmp_path / f".roster.json.{os.getpid()}").symlink_to(victim)
@@ -57,7 +57,7 @@ def test_a_link_at_the_unfinished_name_is_not_written_through(tmp_path: Path) ->
     assert victim.read_bytes() == b"untouched"
 
 
-def test_a_device_that_an_operator_names_is_written_and_stays_a_device(tmp_path: Path) -> None:
+def test_named_device_is_written_and_stays_device(tmp_path: Path) -> None:
     fifo = tmp_path / "fifo"
     os.mkfifo(fifo)
     reader = os.open(fifo, os.O_RDONLY | os.O_NONBLOCK)

@@ -98,7 +98,7 @@ def test_a_plan_of_another_tool_is_no_mission(name: str, tmp_path: Path) -> None
         task(str(path), (), ())
 
 
-def test_a_plan_in_the_folder_of_a_mission_is_named_by_its_file(tmp_path: Path) -> None:
+def test_plan_in_mission_folder_is_named(tmp_path: Path) -> None:
     shipped = ROOT / "share/swarm/missions/formation"
     for path in shipped.iterdir():
         (tmp_path / path.name).write_bytes(path.read_bytes())
@@ -108,7 +108,7 @@ def test_a_plan_in_the_folder_of_a_mission_is_named_by_its_file(tmp_path: Path) 
     assert {finding.file for finding in verdict.findings} == {str(role)}
 
 
-def test_a_mission_with_a_byte_order_mark_is_the_same_mission(tmp_path: Path) -> None:
+def test_mission_with_byte_order_mark_is_same_mission(tmp_path: Path) -> None:
     shipped = ROOT / "share/swarm/missions/formation"
     for path in shipped.iterdir():
         if path.suffix in {".toml", ".json"}:

@@ -36,20 +36,20 @@ def test_no_two_slots_are_closer_than_the_spacing(shape: str) -> None:
     assert min(math.dist(a, b) for i, a in enumerate(places) for b in places[:i]) >= 3.0
 
 
-def test_an_unknown_shape_is_refused_with_the_known_ones() -> None:
+def test_unknown_shape_is_refused_with_known_ones() -> None:
     with pytest.raises(InvalidInput, match="expected one of wedge, line, column"):
         place("blob", 1, 1.0)
     with pytest.raises(InvalidInput, match="expected 0 or more"):
         place("wedge", -1, 1.0)
 
 
-def test_slots_wait_at_the_beginning_until_the_leader_is_there() -> None:
+def test_slots_wait_at_beginning_until_leader_is_there() -> None:
     slot = FormationSlots(COURSE).slot(Pose.planar(-12.0, 0.5, 0.0, 0.0, (1.5, 0.0, 0.0)), (-4.0, 4.0, 0.0))
     assert (slot.x_m, slot.y_m) == pytest.approx((-4.0, 4.0))
     assert (slot.vx_m_s, slot.vy_m_s) == (0.0, 0.0)
 
 
-def test_on_a_straight_leg_the_slot_moves_with_the_leader() -> None:
+def test_slot_on_straight_leg_moves_with_leader() -> None:
     slot = FormationSlots(COURSE).slot(Pose.planar(12.0, 0.0, 0.0, 0.0, (2.0, 0.0, 0.0)), (-4.0, 4.0, 8.0))
     assert (slot.x_m, slot.y_m, slot.z_m) == pytest.approx((8.0, 4.0, 8.0))
     assert (slot.vx_m_s, slot.vy_m_s, slot.stretch) == pytest.approx((2.0, 0.0, 1.0))
@@ -63,7 +63,7 @@ def test_the_slot_does_not_swerve_with_the_leader() -> None:
 
 
 @given(st.floats(1, 95), st.floats(-16, 16), st.floats(-20, 0))
-def test_the_velocity_of_a_slot_is_the_change_of_its_place(s: float, left: float, forward: float) -> None:
+def test_velocity_of_slot_is_change_of_its_place(s: float, left: float, forward: float) -> None:
     formation = FormationSlots(COURSE)
     assert formation.course is not None
     here = formation.course.at(s)
@@ -97,7 +97,7 @@ def test_outside_of_a_turn_a_slot_is_faster() -> None:
     assert inside.stretch == pytest.approx(0.5)
 
 
-def test_without_a_course_the_shape_turns_with_the_leader() -> None:
+def test_shape_without_course_turns_with_leader() -> None:
     leader = Pose.planar(10.0, 5.0, 3.0, math.pi / 2, (0.0, 1.0, 0.0), 0.2)
     slot = FormationSlots().slot(leader, (-4.0, 2.0, 1.0))
     assert (slot.x_m, slot.y_m, slot.z_m) == pytest.approx((8.0, 1.0, 4.0))
@@ -105,7 +105,7 @@ def test_without_a_course_the_shape_turns_with_the_leader() -> None:
     assert (slot.vx_m_s, slot.vy_m_s) == pytest.approx((0.8, 0.6))
 
 
-def test_the_error_counts_height_only_for_those_that_fly() -> None:
+def test_error_counts_height_only_for_those_that_fly() -> None:
     slot = FormationSlots(COURSE).slot_at(10.0, (0.0, 0.0, 8.0))
     pose = Pose.planar(13.0, 4.0, 20.0)
     assert slot.error_m(pose, flat=True) == pytest.approx(5.0)

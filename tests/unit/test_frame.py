@@ -39,13 +39,13 @@ def test_what_was_encoded_is_decoded_again(frame: Frame) -> None:
 
 
 @given(st.binary(max_size=200))
-def test_any_bytes_give_a_frame_or_a_wire_error(data: bytes) -> None:
+def test_any_bytes_give_frame_or_wire_error(data: bytes) -> None:
     with contextlib.suppress(WireError):
         wire.decode(data)
 
 
 @given(FRAMES, st.integers(0, 47), st.integers(0, 255))
-def test_a_damaged_header_gives_a_frame_or_a_wire_error(frame: Frame, position: int, value: int) -> None:
+def test_damaged_header_gives_frame_or_wire_error(frame: Frame, position: int, value: int) -> None:
     data = bytearray(wire.encode(frame))
     data[position] = value
     with contextlib.suppress(WireError):
@@ -105,6 +105,6 @@ def test_a_view_is_decoded_without_copying_the_payload() -> None:
 
 
 @pytest.mark.parametrize("flags", [0, 2, 4, 6, Flag.URGENT, Flag.WANTS_ACK | Flag.URGENT])
-def test_the_flags_of_a_frame_are_readable_as_properties(flags: int) -> None:
+def test_flags_of_frame_are_readable_as_properties(flags: int) -> None:
     frame = Frame(FrameKind.MESSAGE, 1, flags=flags)
     assert (frame.is_urgent, frame.wants_ack) == (bool(flags & Flag.URGENT), bool(flags & Flag.WANTS_ACK))

@@ -19,7 +19,7 @@ def thawed() -> Iterator[None]:
 
 
 @pytest.mark.usefixtures("thawed")
-def test_what_is_made_while_services_are_imported_is_spared_also_when_an_import_fails() -> None:
+def test_import_garbage_is_spared_even_after_failure() -> None:
     with pytest.raises(ImportError), runner.frozen():
         assert not gc.isenabled()
         raise ImportError

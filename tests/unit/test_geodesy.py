@@ -36,7 +36,7 @@ def exact_enu(origin: Origin, lat_deg: float, lon_deg: float, alt_m: float) -> t
 
 @pytest.mark.parametrize(("reach_m", "error_m"), [(100.0, 0.001), (1_000.0, 0.01), (10_000.0, 1.0)])
 @pytest.mark.parametrize("lat_deg", [-60.0, -33.0, 0.0, 48.0, 65.0])
-def test_the_local_map_is_as_exact_as_it_says(lat_deg: float, reach_m: float, error_m: float) -> None:
+def test_local_map_is_as_exact_as_it_says(lat_deg: float, reach_m: float, error_m: float) -> None:
     origin = Origin(lat_deg=lat_deg, lon_deg=11.0, alt_ellipsoid_m=520.0)
     local = LocalMap(origin)
     for turn in range(16):

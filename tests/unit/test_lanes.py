@@ -30,12 +30,12 @@ def test_differences_of_bytes_are_those_of_their_elements(elements: list[int]) -
 
 
 @given(OCTETS)
-def test_sums_of_bytes_are_the_inverse_of_their_differences(elements: list[int]) -> None:
+def test_sums_of_bytes_are_inverse_of_their_differences(elements: list[int]) -> None:
     assert sums(differences(bytes(elements), BYTE), BYTE) == bytes(elements)
 
 
 @given(WORDS)
-def test_sums_of_words_are_the_inverse_of_their_differences(elements: list[int]) -> None:
+def test_sums_of_words_are_inverse_of_their_differences(elements: list[int]) -> None:
     assert sums(differences(words(elements), WORD), WORD) == words(elements)
 
 

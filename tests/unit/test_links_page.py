@@ -17,7 +17,7 @@ def test_the_page_has_the_figures_that_were_kept() -> None:
     assert written(page, json.loads(KEPT.read_text("utf-8"))) == page, "run `make bench-links`"
 
 
-def test_each_command_of_the_table_exists_and_each_figure_names_its_machine() -> None:
+def test_each_command_exists_and_figure_names_machine() -> None:
     kept = json.loads(KEPT.read_text("utf-8"))
     assert set(kept) <= {bench.name for bench in BENCHES}
     for bench in BENCHES:
@@ -34,7 +34,7 @@ def test_a_benchmark_that_was_not_run_says_so() -> None:
         assert f"| {bench.cases} | not measured | | | `python tests/bench/{bench.script}` |" in page
 
 
-def test_the_ratio_of_messages_and_the_ages_of_poses_are_judged_by_their_goals() -> None:
+def test_ratios_and_ages_are_judged_by_goals() -> None:
     figures = {
         size: {"app_broker_broker_app_us": {"p50": ours}, "zeromq_curve_tcp_us": {"p50": 100}, "refusal": ""}
         for size, ours in (("200", 250), ("2000", 251))
@@ -51,14 +51,14 @@ def test_the_ratio_of_messages_and_the_ages_of_poses_are_judged_by_their_goals()
 
 
 @pytest.mark.parametrize(("figure", "refused"), [(80.0, 0), (120.0, 0), (120.1, 1), (480.0, 1)])
-def test_a_bare_figure_above_that_of_the_start_refuses_its_ratio(figure: float, refused: int) -> None:
+def test_bare_figure_above_start_refuses_ratio(figure: float, refused: int) -> None:
     at_start = iter((130.0, 100.0, 110.0))
     bare = Bare.measured(lambda: next(at_start))
     assert bool(bare.refusal(figure)) == bool(refused)
     assert bare.refused == refused
 
 
-def test_refused_rows_are_printed_and_the_former_ones_stay(
+def test_refused_rows_are_printed_and_former_ones_stay(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     kept, page = tmp_path / "links.json", tmp_path / "links.md"

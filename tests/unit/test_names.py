@@ -27,12 +27,12 @@ def test_a_good_path_is_returned_as_it_is(path: str) -> None:
         ("", "''"),
     ],
 )
-def test_a_bad_path_is_refused_with_the_segment_that_is_wrong(path: str, culprit: str) -> None:
+def test_bad_path_is_refused_with_segment(path: str, culprit: str) -> None:
     with pytest.raises(InvalidInput, match=culprit):
         names.check_path(path)
 
 
-def test_a_path_too_long_for_a_file_name_is_refused() -> None:
+def test_path_too_long_for_file_name_is_refused() -> None:
     with pytest.raises(InvalidInput, match="at most 200"):
         names.check_path("a/" * 150 + "a")
 
@@ -73,13 +73,13 @@ def test_a_bad_pattern_is_refused_by_name(pattern: str) -> None:
         names.Pattern(pattern)
 
 
-def test_alternatives_with_a_slash_are_refused_with_the_segment_and_the_rule() -> None:
+def test_alternatives_with_slash_are_refused_with_rule() -> None:
     with pytest.raises(InvalidInput, match=r"not closed in '\{nav'; expected '\}' in the same segment"):
         names.Pattern("/uav1/{nav/pose,sensor/imu}")
 
 
 @given(LOCAL)
-def test_a_path_is_a_pattern_that_matches_itself_only(local: str) -> None:
+def test_path_is_pattern_that_matches_itself_only(local: str) -> None:
     pattern = names.Pattern(local)
     assert pattern.literal
     assert pattern.matches(local)
@@ -96,7 +96,7 @@ def test_what_a_pattern_matches_starts_with_its_prefix(text: str, path: str) -> 
         assert path.startswith(pattern.prefix) or path + "/" == pattern.prefix
 
 
-def test_ids_are_stable_numbers_of_32_bits_and_depend_on_every_part() -> None:
+def test_ids_are_stable_and_depend_on_all() -> None:
     assert names.hardware_id("uav1") == names.hardware_id("uav1", "main")
     ids = {
         names.hardware_id("uav1"),
@@ -116,7 +116,7 @@ def test_platforms_sort_as_people_count() -> None:
     assert sorted(["uav10", "uav2", "ugv1", "gcs"], key=names.natural) == ["gcs", "uav2", "uav10", "ugv1"]
 
 
-def test_an_address_is_a_platform_and_its_unit_and_main_needs_no_name() -> None:
+def test_address_is_platform_and_unit_main_unnamed() -> None:
     assert str(names.Address("uav3")) == "uav3"
     assert str(names.Address("uav3", "fc")) == "uav3.fc"
     assert names.Address.parse("uav3.main") == names.Address("uav3")
@@ -128,7 +128,7 @@ def test_an_address_is_a_platform_and_its_unit_and_main_needs_no_name() -> None:
             names.Address.parse(text)
 
 
-def test_a_path_may_name_one_computer_and_only_its_first_segment_has_a_point() -> None:
+def test_path_may_name_computer_in_first_segment() -> None:
     assert names.split(names.check_path("/uav3.fc/nav/pose")) == ("uav3.fc", "nav/pose")
     for path in ("uav3.fc/nav/pose", "/uav3/nav.pose", "/uav3.fc.x/nav", "/uav3./nav"):
         with pytest.raises(InvalidInput):
@@ -154,5 +154,5 @@ def test_a_path_may_name_one_computer_and_only_its_first_segment_has_a_point() -
         ("", "", ""),
     ],
 )
-def test_the_dot_of_a_computer_is_no_dot_before_a_field(text: str, path: str, field: str) -> None:
+def test_dot_of_computer_is_no_dot_before_field(text: str, path: str, field: str) -> None:
     assert names.split_field(text) == (path, field)

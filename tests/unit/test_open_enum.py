@@ -41,7 +41,7 @@ def vocabularies() -> list[type[Enum]]:
 
 
 @pytest.mark.parametrize("cls", vocabularies(), ids=lambda cls: cls.__name__)
-def test_every_vocabulary_of_the_payload_types_keeps_a_value_of_a_later_version(cls: type[Enum]) -> None:
+def test_every_vocabulary_keeps_value_of_later_version(cls: type[Enum]) -> None:
     assert issubclass(cls, OpenEnum)
     value = msgspec.msgpack.decode(b"\xa5later", type=cls)
     assert (value, str(value), value.known) == ("later", "later", False)
@@ -50,14 +50,14 @@ def test_every_vocabulary_of_the_payload_types_keeps_a_value_of_a_later_version(
 
 
 @given(st.text(max_size=40))
-def test_the_rest_of_a_payload_is_there_beside_a_value_that_is_not_known(word: str) -> None:
+def test_payload_is_kept_beside_unknown_value(word: str) -> None:
     payload = msgspec.msgpack.encode([3, word, 1.5, 0.25, "note", word, 8.5])
     status = registry.decode(NavStatus, payload)
     assert (status.goal_seq, status.state, status.error, status.distance_m) == (3, word, word, 1.5)
     assert registry.encode(status) == payload
 
 
-def test_a_known_value_is_its_member_and_its_string() -> None:
+def test_known_value_is_its_member_and_its_string() -> None:
     state = registry.decode(NavStatus, msgspec.msgpack.encode([3, "arrived"])).state
     assert state is NavState.ARRIVED
     assert (state, state.known) == ("arrived", True)
@@ -72,7 +72,7 @@ def test_a_value_that_is_no_text_is_refused(value: object) -> None:
         registry.decode(NavStatus, msgspec.msgpack.encode([3, value]))
 
 
-def test_a_phase_without_a_number_on_the_wire_goes_as_text() -> None:
+def test_phase_without_number_on_wire_goes_as_text() -> None:
     state = MissionState(1, "", MissionPhase("regrouping"))
     data, codec = registry.pack(state)
     assert registry.decode(MissionState, data, codec) == state

@@ -20,7 +20,7 @@ def test_every_application_name_has_valid_resource_paths(name: str) -> None:
     assert paths.checks(name, 1) != paths.checks(name, 2)
 
 
-def test_the_page_of_the_protocol_names_the_same_places() -> None:
+def test_page_of_protocol_names_same_places() -> None:
     run, shm = Path("<run_dir>"), Path("<shm_dir>")
     places = [
         paths.applications(run),
@@ -34,6 +34,6 @@ def test_the_page_of_the_protocol_names_the_same_places() -> None:
     assert not missing
 
 
-def test_a_file_is_in_the_folder_of_its_kind(tmp_path: Path) -> None:
+def test_file_is_in_folder_of_its_kind(tmp_path: Path) -> None:
     assert paths.socket(tmp_path, "17-0").parent == paths.sockets(tmp_path)
     assert paths.socket(tmp_path, "17-0").match(paths.SOCKET_PATTERN)

@@ -29,7 +29,7 @@ def picture(channels: int = 3) -> Image:
 
 
 @pytest.mark.parametrize("channels", [1, 3])
-def test_a_picture_is_smaller_as_jpeg_and_looks_the_same(channels: int) -> None:
+def test_jpeg_picture_is_smaller_and_looks_same(channels: int) -> None:
     before = picture(channels)
     coded = to_jpeg(before, 80)
     assert coded.encoding is ImageEncoding.JPEG
@@ -63,7 +63,7 @@ def test_pixels_that_cannot_be_coded_are_refused(image: Image, reason: str) -> N
         to_jpeg(image, 80)
 
 
-def test_a_damaged_jpeg_and_one_of_another_size_are_refused() -> None:
+def test_damaged_or_differently_sized_jpeg_is_refused() -> None:
     coded = to_jpeg(picture(), 80)
     for data in (b"", b"garbage", coded.data[:20]):
         with pytest.raises(WireError, match="JPEG"):

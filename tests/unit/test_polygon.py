@@ -35,7 +35,7 @@ BAY = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (5.0, 2.0), (0.0, 10.0))
         (BAY, (1.0, 5.0), True, 1.0),
     ],
 )
-def test_a_place_is_inside_or_outside_by_its_distance(
+def test_place_is_inside_or_outside_by_its_distance(
     polygon: tuple[Point, ...], point: Point, inside: bool, distance: float, turn: int
 ) -> None:
     corners = polygon[::turn]
@@ -65,7 +65,7 @@ def test_segments_meet_also_at_their_ends(a: Point, b: Point, c: Point, d: Point
     assert segments_meet(d, c, b, a) is meet
 
 
-def test_a_way_that_leaves_and_returns_crosses_a_bay() -> None:
+def test_way_that_leaves_and_returns_crosses_bay() -> None:
     assert crosses(BAY, (1.0, 7.0), (9.0, 7.0)), "both ends are inside"
     assert not crosses(BAY, (1.0, 1.0), (9.0, 1.0))
     assert crosses(BAY, (5.0, 1.0), (5.0, -4.0))

@@ -109,7 +109,7 @@ def page_ring(frames: dict[int, bytes], newest: int) -> bytearray:
     return data
 
 
-def test_a_ring_made_by_the_page_is_read_by_the_library(tmp_path: Path) -> None:
+def test_ring_made_by_page_is_read_by_library(tmp_path: Path) -> None:
     path = tmp_path / "nav.pose.ring"
     frames = {n: bytes([n % 256]) * n for n in range(7, 11)}
     path.write_bytes(page_ring(frames, 10))
@@ -121,7 +121,7 @@ def test_a_ring_made_by_the_page_is_read_by_the_library(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("at", ["before", "after", "meta"])
-def test_a_frame_that_is_being_overwritten_is_not_read(tmp_path: Path, at: str) -> None:
+def test_frame_that_is_being_overwritten_is_not_read(tmp_path: Path, at: str) -> None:
     path = tmp_path / "nav.pose.ring"
     data = page_ring({9: b"nine", 10: b"ten"}, 10)
     data[slot_at(10) + SLOT[at]] ^= 1
@@ -130,7 +130,7 @@ def test_a_frame_that_is_being_overwritten_is_not_read(tmp_path: Path, at: str) 
         reader.newest()
 
 
-def test_a_ring_written_by_the_library_is_as_the_page_says(tmp_path: Path) -> None:
+def test_ring_written_by_library_is_as_page_says(tmp_path: Path) -> None:
     path = tmp_path / "nav.pose.ring"
     with RingWriter(path, slots=SLOTS, slot_bytes=SLOT_BYTES) as writer:
         for number in range(6):
@@ -205,7 +205,7 @@ def test_the_application_file_of_the_page_is_one(tmp_path: Path) -> None:
     assert entry.provides[0].kind is Kind.COMMAND
 
 
-def test_the_record_of_the_master_is_as_the_page_says(tmp_path: Path) -> None:
+def test_record_of_master_is_as_page_says(tmp_path: Path) -> None:
     record = RecordFile(tmp_path / "master.lock")
     record.write_holder(Holder(3, 4711, 123456, "register#1"))
     record.request_leadership(4712, 123457)
@@ -228,7 +228,7 @@ def mark(descriptor: dict[str, object], lost: bool) -> int:
     return int.from_bytes(blake2b(data, digest_size=8).digest(), "little")
 
 
-def test_a_structure_made_by_the_page_has_our_digest_and_is_taken() -> None:
+def test_structure_made_by_page_has_our_digest() -> None:
     pose: dict[str, object] = {
         "path": "nav/pose", "type": "Pose", "rate_hz": 10.0, "category": "periodic", "link": "tick",
     }  # fmt: skip
@@ -249,20 +249,20 @@ def test_a_structure_made_by_the_page_has_our_digest_and_is_taken() -> None:
     assert structure.version(epoch, digest) == (digest ^ digest >> 32 ^ epoch * 0x9E3779B1) % 2**32
 
 
-def test_the_digest_of_a_subscription_is_that_of_the_page() -> None:
+def test_digest_of_subscription_is_that_of_page() -> None:
     patterns, rule = ["nav/*", "power/battery"], Rule("power/**", 0.1, 1.0, 5.0)
     data = msgspec.msgpack.encode([patterns, [["power/**", 0.1, 1.0, 5.0]]])
     made = int.from_bytes(blake2b(data, digest_size=8).digest(), "little")
     assert make_subscription(frozenset(patterns), (rule,)).digest == made
 
 
-def test_the_hash_of_a_mission_is_that_of_the_page() -> None:
+def test_hash_of_mission_is_that_of_page() -> None:
     texts = ["mission.toml", "name = 'é'"]
     data = b"".join(len(t.encode()).to_bytes(8, "little") + t.encode() for t in texts)
     assert content_hash(*texts) == blake2b(data, digest_size=16).hexdigest()
 
 
-def test_the_bound_of_a_conversion_is_that_of_the_page() -> None:
+def test_bound_of_conversion_is_that_of_page() -> None:
     function = Conversion("uav1", "main", 1, 1, 500, 1e-5, 10**9, 2000, 100, 1e-6, 0)
     away_s = 7.0
     bound = 2000 + 1e9 * (1e-6 * away_s + 5.196e-8 * away_s**1.5)
@@ -317,7 +317,7 @@ def test_the_figures_of_the_services_are_ours() -> None:
     assert set(told) == set(KINDS)
 
 
-async def test_a_request_sent_by_the_page_over_a_bare_socket_is_answered(tmp_path: Path) -> None:
+async def test_request_of_page_over_socket_is_answered(tmp_path: Path) -> None:
     async with Module("server", config_dir=make_node(tmp_path, "uav1")) as module:
 
         def greet(name: Text, _: Meta) -> Text:

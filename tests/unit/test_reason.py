@@ -32,7 +32,5 @@ from swarmware.errors import ConfigError, reason
         (ExceptionGroup("tasks", [ConfigError("a"), KeyError("ours")]), None),
     ],
 )
-def test_what_the_world_causes_has_one_line_and_what_we_cause_none(
-    error: BaseException, line: str | None
-) -> None:
+def test_external_cause_has_one_line_own_none(error: BaseException, line: str | None) -> None:
     assert reason(error) == line

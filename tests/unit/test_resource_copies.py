@@ -10,7 +10,7 @@ from swarmware.types.tree import Quality, TreeEntry, TreeListing
 POSE = Resource(path="nav/pose", type="Pose", rate_hz=20.0, owner="navigator", description="Where it is")
 
 
-def test_an_entry_of_a_template_has_the_fields_of_a_resource_but_its_path() -> None:
+def test_template_entry_has_resource_fields_but_path() -> None:
     ours = {field.name: field.type for field in msgspec.structs.fields(Resource)}
     theirs = {field.name: field.type for field in msgspec.structs.fields(Entry)}
     assert theirs.keys() == ours.keys() - {"path"}
@@ -20,7 +20,7 @@ def test_an_entry_of_a_template_has_the_fields_of_a_resource_but_its_path() -> N
         assert expected is None or expected in theirs[name].__args__
 
 
-def test_a_listed_resource_has_the_fields_of_the_resource_and_what_one_node_sees() -> None:
+def test_listed_resource_has_resource_fields_and_view() -> None:
     entry = TreeEntry.of(POSE, "/uav1/nav/pose", 0.2, Quality.LIVE)
     assert (entry.path, entry.age_s, entry.quality) == ("/uav1/nav/pose", 0.2, Quality.LIVE)
     shared = set(TreeEntry.__struct_fields__) - {"path", "age_s", "quality", "measured_hz", "rule"}
@@ -30,7 +30,7 @@ def test_a_listed_resource_has_the_fields_of_the_resource_and_what_one_node_sees
     )
 
 
-def test_a_kind_of_a_later_version_is_listed_but_is_no_resource() -> None:
+def test_kind_of_later_version_is_listed_only() -> None:
     entry = TreeEntry.of(POSE, "/uav1/nav/pose", None, Quality.NONE)
     plain = msgspec.to_builtins(TreeListing((entry,)))
     plain[0][0][1] = "hologram"

@@ -118,11 +118,11 @@ def test_any_text_is_read_to_an_end(text: str) -> None:
     assert all(1 <= line <= text.count("\n") + 1 for line in lines.values())
 
 
-def test_a_path_without_a_line_has_that_of_its_table() -> None:
+def test_path_without_line_has_that_of_its_table() -> None:
     lines = toml_lines("[a]\nb = 1")
     assert line_of(lines, ("a", "c", 3)) == 1
     assert line_of(lines, ("z",)) == 0
 
 
-def test_a_path_is_written_as_a_document_has_it() -> None:
+def test_path_is_written_as_document_has_it() -> None:
     assert key_text(("roles", 2, "params", "a b", "c-d")) == 'roles[2].params."a b".c-d'

@@ -40,9 +40,7 @@ class Weather(msgspec.Struct, frozen=True):
         ([1, [[3]]], Weather(1.0, [Gust(3.0)])),
     ],
 )
-def test_types_inside_a_type_are_given_by_their_fields_whatever_their_form_on_the_wire(
-    plain: Any, expected: Weather
-) -> None:
+def test_nested_types_are_given_by_fields(plain: Any, expected: Weather) -> None:
     assert value_of(Weather, plain, "p") == expected
 
 
@@ -56,7 +54,7 @@ def test_types_inside_a_type_are_given_by_their_fields_whatever_their_form_on_th
         ({"temp_degc": 1, "kind_": "dry"}, "no field 'kind_' in Weather"),
     ],
 )
-def test_what_does_not_fit_inside_is_named_by_its_place(plain: Any, said: str) -> None:
+def test_misfit_inside_is_named_by_place(plain: Any, said: str) -> None:
     with pytest.raises(TypeMismatch) as caught:
         value_of(Weather, plain, "p")
     assert said in str(caught.value)

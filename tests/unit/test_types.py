@@ -32,7 +32,7 @@ POSES = st.builds(
 
 
 @given(POSES)
-def test_a_packed_pose_is_true_to_half_a_millimetre_and_half_a_centimetre_per_second(pose: Pose) -> None:
+def test_packed_pose_is_true_to_half_millimetre(pose: Pose) -> None:
     data, codec = registry.pack(pose)
     assert codec is Codec.PACKED
     assert len(data) < len(registry.encode(pose)) / 2
@@ -50,45 +50,45 @@ def test_a_packed_attitude_is_the_same_rotation(q: tuple[float, float, float, fl
     assert 2 * math.acos(min(1.0, dot)) < 3e-4, "rad between the two"
 
 
-def test_a_pose_near_the_origin_takes_23_bytes_and_one_far_away_26() -> None:
+def test_near_pose_takes_23_bytes_far_26() -> None:
     assert len(Pose.planar(8300.0, -8300.0, 8300.0).pack()) == 23
     assert len(Pose.planar(8400.0, 0.0, 0.0).pack()) == 26
 
 
 @pytest.mark.parametrize("q", [(0.0, 0.0, 0.0, 0.0), (1.0, 1.0, 0.0, 0.0)])
-def test_an_attitude_that_is_no_rotation_travels_as_it_is(q: tuple[float, float, float, float]) -> None:
+def test_invalid_rotation_travels_unchanged(q: tuple[float, float, float, float]) -> None:
     data, codec = registry.pack(Pose(1.0, 2.0, 3.0, *q))
     assert codec is Codec.NONE
     back = registry.decode(Pose, data, codec)
     assert str((back.qx, back.qy, back.qz, back.qw)) == str(q)
 
 
-def test_values_beyond_the_packed_range_are_clipped_to_it() -> None:
+def test_values_beyond_packed_range_are_clipped_to_it() -> None:
     back = Pose.unpack(Pose(1e9, -1e9, vx_m_s=1e6).pack())
     assert back.x_m == pytest.approx(2147483.647)
     assert back.vx_m_s == pytest.approx(327.67)
 
 
 @given(st.sampled_from([Pose, BatteryState, Float, Text]), st.binary(max_size=80), st.sampled_from(Codec))
-def test_any_bytes_give_a_value_or_a_wire_error(cls: type[msgspec.Struct], data: bytes, codec: Codec) -> None:
+def test_any_bytes_give_value_or_wire_error(cls: type[msgspec.Struct], data: bytes, codec: Codec) -> None:
     with contextlib.suppress(WireError):
         registry.decode(cls, data, codec)
 
 
-def test_a_field_that_does_not_fit_is_named_by_its_path() -> None:
+def test_unfitting_field_is_named_by_path() -> None:
     data = msgspec.msgpack.encode([12.0, "much", 0.5])
     with pytest.raises(WireError, match=r"BatteryState.*\$\[1\]"):
         registry.decode(BatteryState, data)
 
 
-def test_a_compressed_payload_is_read_and_a_bomb_is_refused() -> None:
+def test_compressed_payload_is_read_and_bomb_is_refused() -> None:
     data = zlib.compress(registry.encode(Text("a" * 1000)))
     assert registry.decode(Text, data, Codec.ZLIB) == Text("a" * 1000)
     with pytest.raises(WireError, match="zlib"):
         registry.decode(Text, zlib.compress(bytes(PAYLOAD_LIMIT + 1)), Codec.ZLIB)
 
 
-def test_a_type_is_found_by_name_without_having_been_imported() -> None:
+def test_type_is_found_by_name_before_import() -> None:
     fresh = (
         "import sys; from swarmware.types import registry;"
         " assert 'swarmware.types.vehicle' not in sys.modules; print(registry.find('Pose').__module__)"
@@ -100,7 +100,7 @@ def test_a_type_is_found_by_name_without_having_been_imported() -> None:
         registry.find("Pse")
 
 
-def test_a_type_that_is_unknown_is_searched_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_type_that_is_unknown_is_searched_for_once(monkeypatch: pytest.MonkeyPatch) -> None:
     assert not registry.installed("Pse")
     imported: list[str] = []
     monkeypatch.setattr(registry, "import_module", imported.append)
@@ -114,7 +114,7 @@ def test_two_types_of_one_name_are_refused() -> None:
 
 
 @pytest.mark.parametrize("stated", [True, False])
-def test_a_zstd_bomb_takes_no_more_memory_than_a_frame_may_have(stated: bool) -> None:
+def test_zstd_bomb_takes_frame_size_at_most(stated: bool) -> None:
     bomb = _zstd(bytes(286 * 2**20) if not stated else bytes(16 * 2**20), stated)
     assert len(bomb) < 30_000
     tracemalloc.start()
@@ -132,7 +132,7 @@ def _zstd(data: bytes, stated: bool) -> bytes:
 
 
 @given(st.binary(min_size=1, max_size=3000), st.booleans())
-def test_a_zstd_payload_comes_back_whole_and_cut_short_it_is_refused(data: bytes, stated: bool) -> None:
+def test_zstd_payload_round_trips_and_truncated_is_refused(data: bytes, stated: bool) -> None:
     packed = _zstd(data, stated)
     assert registry.decompress(packed, Codec.ZSTD) == data
     for cut in range(0, len(packed), max(1, len(packed) // 7)):
@@ -141,7 +141,7 @@ def test_a_zstd_payload_comes_back_whole_and_cut_short_it_is_refused(data: bytes
 
 
 @pytest.mark.parametrize("codec", [Codec.NONE, Codec.ZLIB, Codec.ZSTD])
-def test_a_payload_of_an_unknown_type_is_messagepack_after_its_decompression(codec: Codec) -> None:
+def test_payload_of_unknown_type_is_messagepack(codec: Codec) -> None:
     plain = registry.encode(Pose(1.0, 2.0))
     data = {Codec.NONE: plain, Codec.ZLIB: zlib.compress(plain), Codec.ZSTD: _zstd(plain, stated=True)}
     assert registry.messagepack("TypeOfTheUser", data[codec], codec) == plain
@@ -150,7 +150,7 @@ def test_a_payload_of_an_unknown_type_is_messagepack_after_its_decompression(cod
 
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, 1e308])
-def test_a_value_that_the_packed_form_cannot_say_goes_as_messagepack_and_is_refused_where_it_arrives(
+def test_unpackable_value_goes_as_messagepack(
     number: float,
 ) -> None:
     data, codec = registry.pack(Pose(number, 0.0))
@@ -159,6 +159,6 @@ def test_a_value_that_the_packed_form_cannot_say_goes_as_messagepack_and_is_refu
         registry.decode(Pose, data, codec)
 
 
-def test_an_integer_of_more_than_64_bits_is_refused_before_it_is_sent() -> None:
+def test_integer_beyond_64_bits_is_refused() -> None:
     with pytest.raises(OutOfRange, match="Int"):
         registry.encode(Int(2**64))

@@ -49,7 +49,7 @@ def level(yaw_rad: float) -> int:
 
 
 @pytest.mark.parametrize(("title", "x_mm"), [("Pose, 23 bytes", 8_388_607), ("Pose, 26 bytes", -9_000_000)])
-def test_a_pose_coded_by_the_table_of_the_page_is_the_pose(title: str, x_mm: int) -> None:
+def test_pose_coded_by_table_of_page_is_pose(title: str, x_mm: int) -> None:
     attitude = level(0.5)
     numbers = {"x": x_mm, "y": -2000, "z": 1500, "vx": 125, "vy": -250, "vz": 50, "wz": -300}
     data = coded(title, {**numbers, "attitude_high": attitude >> 32, "attitude_low": attitude & 0xFFFF_FFFF})
@@ -60,7 +60,7 @@ def test_a_pose_coded_by_the_table_of_the_page_is_the_pose(title: str, x_mm: int
     assert pose.pack() == data
 
 
-def test_a_mission_state_coded_by_the_table_of_the_page_is_the_state() -> None:
+def test_mission_state_coded_by_page_is_state() -> None:
     head = coded(
         "MissionState",
         {
@@ -88,7 +88,7 @@ def test_a_mission_state_coded_by_the_table_of_the_page_is_the_state() -> None:
     assert state.pack() == head + rest
 
 
-def test_the_page_says_of_each_type_whether_it_is_an_array_or_a_map() -> None:
+def test_page_says_array_or_map_per_type() -> None:
     told = dict(re.findall(r"^### (\w+)\n\n.*\((array|map)", PAGE, re.M))
     for name, layout in told.items():
         cls = registry.find(name) if name not in {"Resource", "Changes", "AppEntry", "Served"} else None
@@ -97,7 +97,7 @@ def test_the_page_says_of_each_type_whether_it_is_an_array_or_a_map() -> None:
     assert len(told) > 100
 
 
-def test_an_array_without_its_last_defaults_or_with_more_items_is_read() -> None:
+def test_array_without_defaults_or_with_more_reads() -> None:
     assert registry.decode(Pose, msgspec.msgpack.encode([1.0, 2])) == Pose(1.0, 2.0)
     longer = [1.0, 2.0, 3.0, 0, 0, 0, 1, 0, 0, 0, 0, "new", {"newer": 1}]
     assert registry.decode(Pose, msgspec.msgpack.encode(longer)) == Pose(1.0, 2.0, 3.0)

@@ -29,7 +29,7 @@ class Outer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         ([], "", ""),
     ],
 )
-def test_place_and_key_of_an_error_of_msgspec_are_found(raw: object, place: str, unknown: str) -> None:
+def test_msgspec_error_place_and_key_are_found(raw: object, place: str, unknown: str) -> None:
     with pytest.raises(msgspec.ValidationError) as caught:
         msgspec.convert(raw, Outer)
     found = parse_validation_message(str(caught.value))
@@ -37,5 +37,5 @@ def test_place_and_key_of_an_error_of_msgspec_are_found(raw: object, place: str,
     assert "`$" not in found.text
 
 
-def test_a_text_of_another_form_stays_what_it_is() -> None:
+def test_text_of_another_form_stays_what_it_is() -> None:
     assert parse_validation_message("truncated") == ValidationMessage("", "", "truncated")

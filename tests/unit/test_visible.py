@@ -28,7 +28,7 @@ from swarmware.model.visible import HIDDEN, json_escaped, visible, visible_lines
         ("C:\\new", "C:\\new"),
     ],
 )
-def test_a_control_character_is_shown_as_its_escape_sequence(text: str, expected: str) -> None:
+def test_control_character_is_shown_as_its_escape_sequence(text: str, expected: str) -> None:
     assert visible(text) == expected
     assert visible(visible(text)) == expected, "escaped twice is escaped once"
     assert visible_lines(text) == expected.replace("\\n", "\n") or text == "C:\\new"
@@ -59,7 +59,7 @@ VALUES: st.SearchStrategy[Any] = st.recursive(
 
 
 @given(VALUES)
-def test_json_and_yaml_say_the_same_with_and_without_control_characters(value: Any) -> None:
+def test_json_and_yaml_say_same_about_controls(value: Any) -> None:
     from swarmctl.terminal.output import yaml_text
 
     text = json_escaped(msgspec.json.encode(value).decode())

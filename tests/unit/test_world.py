@@ -26,7 +26,7 @@ def test_every_shipped_world_is_sound(path: Path) -> None:
             assert world.touching(pose.x_m, pose.y_m, 0.0, 1.5) is None
 
 
-def test_the_formation_course_leads_past_obstacles_and_over_one() -> None:
+def test_formation_course_leads_past_obstacles_and_over_one() -> None:
     world = load(WORLDS / "formation.toml", World)
     course = Course(((0.0, 0.0), (32.0, 0.0), (62.0, 20.0), (95.0, 20.0)))
     assert course.length_m == pytest.approx(100.0, abs=0.1)
@@ -109,9 +109,7 @@ def test_a_sphere_touches_or_does_not(x: float, y: float, z: float, hit: str | N
 
 
 @given(st.floats(-20, 20), st.floats(-20, 20), st.floats(-math.pi, math.pi), st.floats(0, 3), st.booleans())
-def test_a_scan_equals_one_that_follows_every_beam_to_every_obstacle(
-    x: float, y: float, yaw: float, turned: float, low: bool
-) -> None:
+def test_scan_equals_exhaustive_beam_search(x: float, y: float, yaw: float, turned: float, low: bool) -> None:
     world = World(
         description="",
         bounds=BOUNDS,

@@ -126,7 +126,7 @@ def program_of_nobody(station: Station) -> Iterator[Program]:
 
 
 @on_uvloop
-async def test_a_user_without_a_role_commands_neither_the_own_platform_nor_another(tmp_path: Path) -> None:
+async def test_user_without_role_commands_no_platform(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "gcs") as pair:
         own, far = pair["gcs"], pair["uav1"]
         boxes = [station.app.inbox(PATH, Text) for station in pair.values()]
@@ -149,7 +149,7 @@ async def test_a_user_without_a_role_commands_neither_the_own_platform_nor_anoth
 
 
 @on_uvloop
-async def test_what_a_process_denies_to_a_user_of_its_computer_is_in_the_audit_and_in_doctor(
+async def test_denial_by_process_is_in_audit_and_doctor(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with swarm(tmp_path, "uav1") as one:
@@ -178,7 +178,7 @@ async def test_what_a_process_denies_to_a_user_of_its_computer_is_in_the_audit_a
 
 
 @on_uvloop
-async def test_a_named_operator_is_known_at_the_other_end_with_the_path_of_its_frame(tmp_path: Path) -> None:
+async def test_named_operator_is_known_at_other_end(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2", "uav3", hear=LINE) as line:
         own, far = line["uav3"], line["uav1"]
         (own.config_dir / FILE).write_text('[[operator]]\nuser = "nobody"\nname = "anna"\n')
@@ -221,9 +221,7 @@ KINDS = {
     ],
     ids=["no entry", "node", "operator", "maintainer"],
 )
-def test_a_module_of_another_user_has_what_the_credentials_of_its_socket_give(
-    tmp_path: Path, role: str, may: set[str]
-) -> None:
+def test_module_of_another_user_has_rights_of_credentials(tmp_path: Path, role: str, may: set[str]) -> None:
     @on_uvloop
     async def run() -> None:
         async with swarm(tmp_path, "uav1") as one:
@@ -259,7 +257,7 @@ def test_a_module_of_another_user_has_what_the_credentials_of_its_socket_give(
 
 
 @on_uvloop
-async def test_another_user_answers_for_nobody_and_proves_no_session(tmp_path: Path) -> None:
+async def test_another_user_cannot_answer_for_module_or_session(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "gcs") as pair:
         own = pair["uav1"]
         await own.until_up("gcs")

@@ -25,7 +25,7 @@ def connections(port: int) -> int:
 
 
 @on_uvloop
-async def test_data_has_a_connection_of_its_own_from_its_first_frame_on(tmp_path: Path) -> None:
+async def test_data_has_own_connection_from_first_frame(tmp_path: Path) -> None:
     port = free_port()
     # a command over a link that was measured meanwhile would be a datagram
     settings: dict[str, dict[str, object]] = {"uav1": {"frames": "tcp"}, "uav2": {"tcp_port": port}}
@@ -58,7 +58,7 @@ async def test_data_has_a_connection_of_its_own_from_its_first_frame_on(tmp_path
 
 
 @pytest.mark.root
-def test_an_abort_does_not_wait_behind_notifications_of_32_kb() -> None:
+def test_abort_overtakes_notifications_of_32_kb() -> None:
     seen = figures_of("slowlink.py", tools=("ip", "tc"))
     assert seen["backlog_s"] > 10, "the notifications were through too soon to prove anything"
     # less than what one connection takes out of our queue needs; what the kernel holds comes on top there

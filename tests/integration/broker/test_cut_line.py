@@ -7,7 +7,7 @@ from tests.integration.broker.swarm import on_uvloop
 
 
 @on_uvloop
-async def test_frames_go_around_a_cut_line_and_come_back_to_it(tmp_path: Path) -> None:
+async def test_frames_detour_around_cut_line_and_return(tmp_path: Path) -> None:
     found = await cut_and_heal(tmp_path)
     # the goals are 1.5 s, 2 s and 1 s (tests/bench/link_loss.py); a busy computer delays this process
     assert found["noticed_s"] < 5

@@ -6,7 +6,7 @@ from tests.integration.broker.namespace import figures_of
 
 @pytest.mark.root
 @pytest.mark.parametrize("options", [(), ("--at-once",)], ids=["falls", "slow from the start"])
-def test_what_tcp_has_taken_does_not_fill_the_queue_of_a_link(options: tuple[str, ...]) -> None:
+def test_frames_taken_by_tcp_leave_queue_of_link(options: tuple[str, ...]) -> None:
     seen = figures_of("falling.py", "3", *options, tools=("ip", "tc"))
     # 160 to 200 ms; with larger buffers 0.6 to 1 s. Bytes in the queue depend little on the processor
     assert seen["fall_queue_ms"] < 400

@@ -84,7 +84,7 @@ def plan(line: dict[str, Station]) -> BoardReader[Pose]:
 
 @pytest.mark.parametrize(("hear", "via"), [(LINE, "uav2"), (None, "uav3")])
 @on_uvloop
-async def test_none_of_a_thousand_invented_values_is_taken_and_the_relay_is_named(
+async def test_invented_values_are_refused_and_relay_is_named(
     tmp_path: Path,
     forger: Forger,
     caplog: pytest.LogCaptureFixture,

@@ -15,7 +15,7 @@ def rules() -> str:
 
 
 @pytest.mark.root
-def test_the_rules_of_the_page_bound_the_connections_of_each_address(tmp_path: Path) -> None:
+def test_rules_of_page_bound_connections_of_each_address(tmp_path: Path) -> None:
     file = tmp_path / "swarm.nft"
     file.write_text(rules())
     seen = figures_of("crowd.py", str(file), tools=("ip", "nft"))

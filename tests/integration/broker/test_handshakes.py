@@ -71,9 +71,7 @@ def _ends(monitors: list["zmq.Socket[bytes]"]) -> list[int]:
 
 
 @on_uvloop
-async def test_a_stranger_proves_no_key_however_often_it_tries(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_unknown_sender_never_proves_key(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     port = free_port()
     make_swarm(tmp_path / "others", {"gcs": "maintainer"})
     async with swarm(tmp_path, "uav1", "gcs", settings={"uav1": {"tcp_port": port}}) as pair:

@@ -59,7 +59,7 @@ async def send_all(
 
 
 @on_uvloop
-async def test_a_member_speaks_for_no_other_and_repeats_nothing(
+async def test_member_speaks_for_no_other_and_repeats_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO)
@@ -138,7 +138,7 @@ async def test_a_member_speaks_for_no_other_and_repeats_nothing(
 
 
 @on_uvloop
-async def test_an_expired_command_and_an_observer_that_sets_are_refused(
+async def test_expired_command_and_observer_that_sets_are_refused(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.INFO)
@@ -214,7 +214,7 @@ async def test_a_replayed_datagram_and_a_stranger_are_refused(
 
 
 @on_uvloop
-async def test_a_command_of_a_neighbour_whose_clock_is_not_known_waits_for_its_beacon(tmp_path: Path) -> None:
+async def test_command_of_unknown_clock_waits_for_its_beacon(tmp_path: Path) -> None:
     port = free_port()
     make_swarm(tmp_path / "keys", dict.fromkeys(("uav1", "gcs"), "operator"))
     async with swarm(tmp_path, "uav1", keys=False, settings={"uav1": {"tcp_port": port}}) as alone:

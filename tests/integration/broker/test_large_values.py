@@ -17,7 +17,7 @@ OVERHEAD = 6
 
 
 @on_uvloop
-async def test_a_value_of_64_mib_arrives_whole_and_one_byte_more_is_refused(tmp_path: Path) -> None:
+async def test_value_beyond_64_mib_is_refused(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
         await pair["uav1"].until_up("uav2")
         await pair["uav2"].until_up("uav1")

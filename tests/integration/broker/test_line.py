@@ -30,7 +30,7 @@ def serve_echo(station: Station) -> None:
 
 
 @on_uvloop
-async def test_a_request_reaches_the_other_end_and_its_answer_comes_back(tmp_path: Path) -> None:
+async def test_request_reaches_other_end_and_is_answered(tmp_path: Path) -> None:
     async with swarm(tmp_path, *NAMES, hear=LINE) as line:
         serve_echo(line["uav3"])
         await line["uav1"].until_reaches(uav2="uav2", uav3="uav2")
@@ -48,7 +48,7 @@ async def test_a_request_reaches_the_other_end_and_its_answer_comes_back(tmp_pat
 
 
 @on_uvloop
-async def test_frames_that_are_sent_together_leave_when_all_are_there(tmp_path: Path) -> None:
+async def test_frames_sent_together_leave_together(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
         await pair["uav1"].until_up("uav2")
         serve_echo(pair["uav2"])
@@ -85,7 +85,7 @@ async def settled(one: Station, other: Station) -> tuple[Traffic, Traffic]:
 
 
 @on_uvloop
-async def test_frames_are_counted_once_by_resource_when_a_connection_took_them(tmp_path: Path) -> None:
+async def test_frames_are_counted_once_by_resource(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
         for station in pair.values():
             station.app.inbox("plan/share", Text)
@@ -109,7 +109,7 @@ async def test_frames_are_counted_once_by_resource_when_a_connection_took_them(t
 
 
 @on_uvloop
-async def test_a_message_over_two_hops_is_acknowledged_once_it_is_there(tmp_path: Path) -> None:
+async def test_message_over_two_hops_is_acknowledged_on_arrival(tmp_path: Path) -> None:
     async with swarm(tmp_path, *NAMES, hear=LINE) as line:
         box = line["uav3"].app.inbox("cmd/note", Text)
         await line["uav1"].until_reaches(uav3="uav2")
@@ -121,7 +121,7 @@ async def test_a_message_over_two_hops_is_acknowledged_once_it_is_there(tmp_path
 
 
 @on_uvloop
-async def test_without_the_middle_the_sender_is_told_where_it_stopped(tmp_path: Path) -> None:
+async def test_sender_without_middle_learns_where_it_stopped(tmp_path: Path) -> None:
     async with swarm(tmp_path, *NAMES, hear=LINE) as line:
         await line["uav1"].until_reaches(uav3="uav2")
         await line["uav2"].stop()
@@ -135,7 +135,7 @@ async def test_without_the_middle_the_sender_is_told_where_it_stopped(tmp_path: 
 
 
 @on_uvloop
-async def test_when_the_far_end_goes_the_middle_says_so(tmp_path: Path) -> None:
+async def test_middle_reports_departed_far_end(tmp_path: Path) -> None:
     async with swarm(tmp_path, *NAMES, hear=LINE) as line:
         await line["uav1"].until_reaches(uav3="uav2")
         await line["uav3"].stop()
@@ -147,7 +147,7 @@ async def test_when_the_far_end_goes_the_middle_says_so(tmp_path: Path) -> None:
 
 
 @on_uvloop
-async def test_what_stops_two_hops_away_is_reported_with_that_hop(tmp_path: Path) -> None:
+async def test_message_stopped_two_hops_away_names_that_hop(tmp_path: Path) -> None:
     async with swarm(tmp_path, *NAMES, hear=LINE) as line:
         app = line["uav1"].app
         box = line["uav3"].app.inbox("cmd/order", Text, limit=1)
@@ -177,7 +177,7 @@ async def test_a_middle_that_comes_back_is_used_again(tmp_path: Path) -> None:
 
 
 @on_uvloop
-async def test_a_broker_that_restarts_at_once_is_a_neighbour_again(tmp_path: Path) -> None:
+async def test_broker_that_restarts_at_once_is_neighbour_again(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
         serve_echo(pair["uav2"])
         await pair["uav1"].until_up("uav2")
@@ -192,7 +192,7 @@ async def test_a_broker_that_restarts_at_once_is_a_neighbour_again(tmp_path: Pat
 
 
 @on_uvloop
-async def test_boards_travel_over_the_middle_to_those_who_want_them(tmp_path: Path) -> None:
+async def test_boards_travel_over_middle_to_subscribers(tmp_path: Path) -> None:
     async with swarm(tmp_path, *NAMES, hear=LINE) as line:
         pose = line["uav1"].app.writer("nav/pose", Pose)
         mirror = line["uav3"].app.reader("/uav1/nav/pose", Pose)
@@ -231,7 +231,7 @@ async def test_nobody_relays_where_all_hear_each_other(tmp_path: Path) -> None:
 
 
 @on_uvloop
-async def test_a_value_that_stood_before_anybody_wanted_it_comes_too(tmp_path: Path) -> None:
+async def test_value_older_than_its_subscription_arrives_too(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
         level = pair["uav1"].app.writer("power/level", Float)
         level.write(Float(12.5))
@@ -243,7 +243,7 @@ async def test_a_value_that_stood_before_anybody_wanted_it_comes_too(tmp_path: P
 
 
 @on_uvloop
-async def test_a_rate_that_is_set_holds_within_a_second_and_is_shown(tmp_path: Path) -> None:
+async def test_new_rate_holds_within_second_and_is_shown(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
         level = pair["uav1"].app.writer("power/level", Float)
         pair["uav1"].plan(offers=[("power/level", Float)])
@@ -347,7 +347,7 @@ async def test_own_boards_say_how_a_neighbour_is(tmp_path: Path) -> None:
 
 
 @on_uvloop
-async def test_a_board_too_large_for_a_beacon_is_counted_and_logged(
+async def test_board_too_large_for_beacon_is_counted(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with swarm(tmp_path, "uav1") as one:
@@ -362,7 +362,7 @@ async def test_a_board_too_large_for_a_beacon_is_counted_and_logged(
 
 
 @on_uvloop
-async def test_a_mirror_that_nobody_reads_any_more_is_taken_away(tmp_path: Path) -> None:
+async def test_mirror_without_readers_is_removed(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
         level = pair["uav1"].app.writer("power/level", Float)
         level.write(Float(1.0))

@@ -114,7 +114,7 @@ async def test_a_rotation_loses_no_message_and_no_beacon(tmp_path: Path) -> None
 
 
 @on_uvloop
-async def test_a_revoked_member_is_refused_everywhere_and_knows_it(tmp_path: Path) -> None:
+async def test_revoked_member_is_refused_everywhere_and_knows_it(tmp_path: Path) -> None:
     async with members(tmp_path) as (root, stations, boards):
         one, other, revoked = (stations[name] for name in NAMES)
         box, other_box = one.app.inbox("cmd/note", Text), other.app.inbox("cmd/note", Text)
@@ -142,7 +142,7 @@ async def test_a_revoked_member_is_refused_everywhere_and_knows_it(tmp_path: Pat
 
 
 @on_uvloop
-async def test_a_member_that_was_away_when_it_was_revoked_is_refused_and_told_at_its_return(
+async def test_absent_member_learns_its_revocation_at_return(
     tmp_path: Path,
 ) -> None:
     async with members(tmp_path) as (root, stations, boards):
@@ -165,7 +165,7 @@ async def test_a_member_that_was_away_when_it_was_revoked_is_refused_and_told_at
 
 
 @on_uvloop
-async def test_doctor_names_a_key_that_was_replaced_while_its_node_was_away(
+async def test_doctor_names_key_replaced_during_absence(
     tmp_path: Path,
 ) -> None:
     async with members(tmp_path) as (root, stations, boards):
@@ -185,7 +185,7 @@ async def test_doctor_names_a_key_that_was_replaced_while_its_node_was_away(
 
 
 @on_uvloop
-async def test_a_node_that_was_away_during_rotations_catches_up(tmp_path: Path) -> None:
+async def test_node_that_was_away_during_rotations_catches_up(tmp_path: Path) -> None:
     async with members(tmp_path) as (root, stations, boards):
         late = stations["uav3"]
         await late.stop()
@@ -201,7 +201,7 @@ async def test_a_node_that_was_away_during_rotations_catches_up(tmp_path: Path) 
 
 
 @on_uvloop
-async def test_a_new_member_is_taken_while_the_others_run(tmp_path: Path) -> None:
+async def test_new_member_is_taken_while_others_run(tmp_path: Path) -> None:
     async with members(tmp_path) as (root, stations, boards):
         text = root.admit(candidate("uav4", "node", b"\4" * 32, root.public))
         await hand_over(stations["uav1"], text)
@@ -211,7 +211,7 @@ async def test_a_new_member_is_taken_while_the_others_run(tmp_path: Path) -> Non
 
 
 @on_uvloop
-async def test_a_roster_that_is_not_the_roots_or_is_old_is_refused_with_its_reason(tmp_path: Path) -> None:
+async def test_forged_or_old_roster_is_refused_with_reason(tmp_path: Path) -> None:
     async with members(tmp_path) as (root, stations, _):
         one, older = stations["uav1"], root.signed
         await hand_over(one, root.rotate())

@@ -6,7 +6,7 @@ from tests.integration.broker.namespace import figures_of
 
 @pytest.mark.root
 @pytest.mark.parametrize("percent", [30, 40])
-def test_over_a_lossy_link_everything_arrives_once_and_in_time(percent: int) -> None:
+def test_lossy_link_delivers_everything_once_in_time(percent: int) -> None:
     seen = figures_of("lossylink.py", str(percent), tools=("ip", "nft"))
     assert seen["delivered"] == seen["told"]
     assert seen["items"] == seen["items_acknowledged"] == seen["offered"]

@@ -60,7 +60,7 @@ async def test_the_page_has_the_counters_of_the_broker(tmp_path: Path) -> None:
 
 
 @on_uvloop
-async def test_silent_connections_do_not_stop_the_broker_and_get_no_page(tmp_path: Path) -> None:
+async def test_silent_connections_neither_stop_broker_nor_get_page(tmp_path: Path) -> None:
     port = free_port()
     async with swarm(tmp_path, "uav1", settings={"uav1": {"metrics_port": port}}) as one:
         await one["uav1"].traffic()
@@ -86,7 +86,7 @@ async def test_a_token_opens_the_page(tmp_path: Path) -> None:
 
 
 @on_uvloop
-async def test_a_port_in_use_and_a_missing_token_are_named(tmp_path: Path) -> None:
+async def test_port_in_use_and_missing_token_are_named(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         async with swarm(tmp_path / "a", "uav1", settings={"uav1": {"metrics_port": port}}) as one:

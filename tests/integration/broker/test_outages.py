@@ -15,7 +15,7 @@ async def outages(station: Station) -> OutageTable:
 
 
 @on_uvloop
-async def test_a_lost_neighbour_is_a_record_that_ends_with_its_return(tmp_path: Path) -> None:
+async def test_record_of_lost_neighbour_ends_with_its_return(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
         first, second = pair.values()
         board = first.app.reader("net/outages", OutageTable)
@@ -41,7 +41,7 @@ async def test_a_lost_neighbour_is_a_record_that_ends_with_its_return(tmp_path: 
 
 
 @on_uvloop
-async def test_a_damaged_file_of_outages_does_not_stop_the_broker(tmp_path: Path) -> None:
+async def test_damaged_file_of_outages_does_not_stop_broker(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
         station = pair["uav1"]
         await station.stop()

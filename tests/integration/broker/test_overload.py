@@ -5,7 +5,7 @@ from tests.integration.broker.namespace import figures_of
 
 
 @pytest.mark.root
-def test_beacons_and_commands_pass_ten_times_overload_of_a_slow_link() -> None:
+def test_beacons_and_commands_pass_overload_of_slow_link() -> None:
     seen = figures_of("overload.py", "8", tools=("ip", "tc"))
     assert seen["offered_bit_s"] >= 10e6
     assert seen["by_datagram"], "its queue is seen, although nothing is lost"

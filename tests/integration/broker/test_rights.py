@@ -14,7 +14,7 @@ from swarmware.types.scalar import Text
 
 
 @on_uvloop
-async def test_a_node_commands_no_other_platform_and_an_operator_does(tmp_path: Path) -> None:
+async def test_node_commands_no_other_platform_and_operator_does(tmp_path: Path) -> None:
     roles = {"uav1": "node", "uav2": "node", "gcs": "operator"}
     async with swarm(tmp_path, *roles, roles=roles) as cell:
         owner = cell["uav1"]

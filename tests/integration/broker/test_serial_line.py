@@ -50,7 +50,7 @@ def neighbour(station: Station) -> NeighbourState:
 
 
 @on_uvloop
-async def test_boards_commands_and_answers_pass_over_a_serial_line(tmp_path: Path) -> None:
+async def test_boards_commands_and_answers_pass_over_serial_line(tmp_path: Path) -> None:
     async with pair(tmp_path) as (_, one, other):
         await until_both_are_up(one, other)
         called: list[str] = []
@@ -70,7 +70,7 @@ async def test_boards_commands_and_answers_pass_over_a_serial_line(tmp_path: Pat
 
 
 @on_uvloop
-async def test_what_is_larger_than_a_datagram_passes_over_a_serial_line(tmp_path: Path) -> None:
+async def test_value_larger_than_datagram_passes_serial_line(tmp_path: Path) -> None:
     async with pair(tmp_path, 921_600) as (_, one, other):
         await until_both_are_up(one, other)
         inbox = other.app.inbox("map/delta", Text)
@@ -80,7 +80,7 @@ async def test_what_is_larger_than_a_datagram_passes_over_a_serial_line(tmp_path
 
 
 @on_uvloop
-async def test_boards_pass_and_the_line_is_never_written_faster_than_it_is(tmp_path: Path) -> None:
+async def test_boards_pass_and_serial_line_is_never_overrun(tmp_path: Path) -> None:
     baud = 9600
     async with pair(tmp_path, baud) as (line, one, other):
         pose = one.app.writer("nav/pose", Pose)
@@ -103,7 +103,7 @@ async def test_boards_pass_and_the_line_is_never_written_faster_than_it_is(tmp_p
 
 
 @on_uvloop
-async def test_bytes_that_are_no_frames_are_refused_counted_and_named(
+async def test_bytes_without_frame_are_refused_counted_and_named(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with pair(tmp_path) as (line, one, other):
@@ -132,7 +132,7 @@ async def test_a_line_that_was_unplugged_is_opened_again(tmp_path: Path) -> None
 
 
 @on_uvloop
-async def test_a_node_that_starts_again_comes_back_over_the_line_alone(tmp_path: Path) -> None:
+async def test_restarted_node_returns_over_serial_line_alone(tmp_path: Path) -> None:
     async with pair(tmp_path) as (_, one, other):
         await until_both_are_up(one, other)
         await other.stop()
@@ -145,7 +145,7 @@ async def test_a_node_that_starts_again_comes_back_over_the_line_alone(tmp_path:
 
 
 @on_uvloop
-async def test_a_direction_that_is_dead_makes_the_link_half_open(tmp_path: Path) -> None:
+async def test_direction_that_is_dead_makes_link_half_open(tmp_path: Path) -> None:
     async with pair(tmp_path) as (line, one, other):
         await until_both_are_up(one, other)
         line.is_cut = True

@@ -57,7 +57,7 @@ def not_taken(traffic: Traffic) -> int:
 
 
 @on_uvloop
-async def test_a_record_of_a_dead_node_brings_neither_its_link_nor_its_values_back(tmp_path: Path) -> None:
+async def test_record_of_dead_node_restores_nothing(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
         dead, receiver = pair["uav1"], pair["uav2"]
         async with listener(receiver.group_port) as sock:
@@ -96,7 +96,7 @@ async def write(pose: BoardWriter[Pose]) -> None:
 
 
 @on_uvloop
-async def test_one_datagram_of_a_member_does_not_lock_another_platform_out(tmp_path: Path) -> None:
+async def test_datagram_of_member_cannot_lock_another_platform_out(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2", "gcs") as cell:
         victim = cell["uav1"]
         await victim.until_up("gcs", "uav2")
@@ -122,7 +122,7 @@ async def test_one_datagram_of_a_member_does_not_lock_another_platform_out(tmp_p
 
 
 @on_uvloop
-async def test_a_node_whose_clock_and_data_were_lost_is_believed_again(
+async def test_node_without_former_clock_and_data_is_accepted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
@@ -136,7 +136,7 @@ async def test_a_node_whose_clock_and_data_were_lost_is_believed_again(
 
 
 @on_uvloop
-async def test_two_computers_with_one_name_notice_and_the_one_that_stays_is_back(tmp_path: Path) -> None:
+async def test_two_computers_with_one_name_notice_each_other(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1", "uav2") as pair:
         await pair["uav1"].until_up("uav2")
         await pair["uav2"].until_up("uav1")

@@ -62,7 +62,7 @@ def chosen(station: Station) -> str:
 
 
 @on_uvloop
-async def test_the_faster_of_two_lines_carries_packets_until_it_is_lost(tmp_path: Path) -> None:
+async def test_faster_line_carries_packets_until_it_is_lost(tmp_path: Path) -> None:
     async with two_lines(tmp_path) as (fast, _, one, other):
         await until_up(one, "fast", "slow")
         await until_up(other, "fast", "slow")
@@ -83,7 +83,7 @@ async def test_the_faster_of_two_lines_carries_packets_until_it_is_lost(tmp_path
 
 
 @on_uvloop
-async def test_a_command_goes_by_all_media_and_arrives_once(tmp_path: Path) -> None:
+async def test_command_goes_by_all_media_and_arrives_once(tmp_path: Path) -> None:
     async with two_lines(tmp_path) as (fast, _, one, other):
         await until_up(one, "fast", "slow")
         await until_up(other, "fast", "slow")
@@ -112,7 +112,7 @@ async def test_a_command_goes_by_all_media_and_arrives_once(tmp_path: Path) -> N
 
 
 @on_uvloop
-async def test_a_second_network_takes_the_frames_of_one_that_is_a_payload_link(tmp_path: Path) -> None:
+async def test_second_network_takes_frames_of_payload_link(tmp_path: Path) -> None:
     port = free_port()
     video = {"name": "video", "interface": "127.0.0.1", "udp_port": port, "carries": "payload"}
     async with swarm(tmp_path, *NAMES, network=[video]) as found:
@@ -136,7 +136,7 @@ async def test_a_payload_link_alone_makes_no_neighbour(tmp_path: Path) -> None:
 
 
 @on_uvloop
-async def test_a_node_with_two_networks_and_one_with_the_first_alone_are_neighbours_also_after_a_restart(
+async def test_nodes_sharing_one_network_are_neighbours_after_restart(
     tmp_path: Path,
 ) -> None:
     second = {"name": "radio2", "interface": "127.0.0.1", "udp_port": free_port()}
@@ -155,7 +155,7 @@ async def test_a_node_with_two_networks_and_one_with_the_first_alone_are_neighbo
 
 
 @on_uvloop
-async def test_connections_are_taken_on_a_second_network_with_an_address_of_its_own(tmp_path: Path) -> None:
+async def test_second_network_accepts_connections_at_its_own_address(tmp_path: Path) -> None:
     second = {"name": "radio2", "interface": "127.0.0.2", "udp_port": free_port()}
     async with swarm(tmp_path, *NAMES, multicast_group="", frames="tcp", network=[second]) as found:
         one, other = found["uav1"], found["uav2"]

@@ -32,7 +32,7 @@ from swarmware.types.scalar import Text
 
 
 @on_uvloop
-async def test_another_swarm_is_dropped_and_named_by_doctor_and_no_forger(tmp_path: Path) -> None:
+async def test_another_swarm_is_dropped_and_named_by_doctor(tmp_path: Path) -> None:
     port = free_port()
     async with (
         swarm(tmp_path / "a", "uav1", "uav2", udp_port=port) as ours,
@@ -55,7 +55,7 @@ async def test_another_swarm_is_dropped_and_named_by_doctor_and_no_forger(tmp_pa
 
 
 @on_uvloop
-async def test_a_platform_of_another_swarm_with_the_name_of_a_revoked_one_is_of_that_swarm(
+async def test_namesake_of_revoked_platform_keeps_its_own_swarm(
     tmp_path: Path,
 ) -> None:
     port = free_port()
@@ -91,7 +91,7 @@ def replace_key(folder: Path, root: SigningKey, names: tuple[str, str]) -> None:
 
 
 @on_uvloop
-async def test_a_member_with_a_key_that_is_not_on_the_roster_becomes_no_neighbour(tmp_path: Path) -> None:
+async def test_member_with_unlisted_key_becomes_no_neighbour(tmp_path: Path) -> None:
     names = ("uav1", "uav2")
     make_swarm(tmp_path / "keys", dict.fromkeys(names, "operator"))
     replace_key(tmp_path / "keys" / "uav2", SigningKey(bytes(range(32))), names)
@@ -139,7 +139,7 @@ async def test_a_client_without_curve_gets_nothing_in(tmp_path: Path) -> None:
 
 
 @on_uvloop
-async def test_a_member_cannot_start_frames_in_the_name_of_another(tmp_path: Path) -> None:
+async def test_member_cannot_start_frames_in_name_of_another(tmp_path: Path) -> None:
     names = ("uav1", "uav2", "uav3")
     tcp_port = free_port()
     async with swarm(tmp_path, *names, settings={"uav1": {"tcp_port": tcp_port}}) as cell:
@@ -200,7 +200,7 @@ GREETING = b"\xff" + bytes(8) + b"\x7f\x03\x01" + b"CURVE".ljust(20, b"\0") + by
     ],
     ids=["nothing", "garbage", "greeting", "greeting without keys", "half a command"],
 )
-def test_500_connections_without_a_key_are_limited_and_counted_and_a_member_comes_through(
+def test_500_keyless_connections_are_limited_and_member_passes(
     tmp_path: Path, sent: bytes, stays: bool
 ) -> None:
     opened = 500
@@ -243,7 +243,7 @@ async def test_without_keys_nobody_outside_this_computer_is_served(tmp_path: Pat
 
 
 @on_uvloop
-async def test_keys_that_do_not_fit_end_the_broker_with_the_reason(tmp_path: Path) -> None:
+async def test_mismatched_keys_end_broker_with_reason(tmp_path: Path) -> None:
     make_swarm(tmp_path / "keys", ["uav1", "uav2"])
     shutil.copytree(tmp_path / "keys" / "uav2", tmp_path / "other")
     folder = make_node(

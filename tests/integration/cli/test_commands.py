@@ -157,7 +157,7 @@ def platforms(found: Iterable[dict[str, Any]]) -> set[str]:
         ("lab ls", lambda d: "labs" in d),
     ],
 )
-def test_a_command_gives_a_document_and_something_for_people(command: str, check: Check, ctl: Ctl) -> None:
+def test_command_gives_document_and_something_for_people(command: str, check: Check, ctl: Ctl) -> None:
     # doctor judges the machine, which is none of this test's business
     codes = {0, 1, 2, 3} if command.startswith("doctor") else {0}
     end_s = time.monotonic() + PATIENCE_S

@@ -89,9 +89,7 @@ asyncio.run(main())
 """
 
 
-def test_a_type_of_a_users_own_is_shown_with_its_fields_on_another_platform(
-    lab: Lab, ctl: Ctl, tmp_path: Path
-) -> None:
+def test_users_own_type_is_shown_on_another_platform(lab: Lab, ctl: Ctl, tmp_path: Path) -> None:
     source = tmp_path / "weather.py"
     source.write_text(OWN_TYPE)
     env = {**lab.env, "SWARM_CONFIG": f"{lab.node('uav1')['folder']}/etc"}
@@ -151,7 +149,7 @@ def hello(lab: Lab) -> Iterator[None]:
             module.terminate()
 
 
-def test_a_command_of_the_example_module_is_called_from_another_platform(hello: None, ctl: Ctl) -> None:
+def test_command_of_example_module_works_across_platforms(hello: None, ctl: Ctl) -> None:
     while (done := ctl("call /uav1/cmd/goto seq=1 kind=goto x_m=2.5 --json")).code == 6:
         pass
     assert done.document["receiver"] == "uav1:hello#1", done.err
@@ -160,7 +158,7 @@ def test_a_command_of_the_example_module_is_called_from_another_platform(hello: 
     assert (wrong.code, "/uav1/cmd/goto.x_m: expected `float`, got `str`" in wrong.err) == (7, True)
 
 
-def test_a_wait_at_another_node_begins_before_the_resource_exists(lab: Lab, ctl: Ctl) -> None:
+def test_wait_at_another_node_begins_before_resource_exists(lab: Lab, ctl: Ctl) -> None:
     there = f"--config {lab.node('uav1')['folder']}/etc"
     condition = "'value > 2 and /uav1/vehicle/state.landed' --timeout 60"
     with lab.started(f"wait /gcs/test/depth {condition} --json {there}") as waiting:
@@ -179,7 +177,7 @@ def test_a_wait_at_another_node_begins_before_the_resource_exists(lab: Lab, ctl:
     ]
 
 
-def test_an_event_is_waited_for_before_there_was_one(lab: Lab, ctl: Ctl) -> None:
+def test_event_is_waited_for_before_there_was_one(lab: Lab, ctl: Ctl) -> None:
     with lab.started("tree watch /gcs/tree/changes --count 1 --json") as watch:
         assert watch.stdout is not None
         while not select.select([watch.stdout], [], [], 0.05)[0]:
@@ -189,7 +187,7 @@ def test_an_event_is_waited_for_before_there_was_one(lab: Lab, ctl: Ctl) -> None
     assert json.loads(out)["value"]["path"] == "/gcs/mission/state"
 
 
-def test_a_rate_limit_holds_from_its_answer_and_ends_by_itself(lab: Lab, ctl: Ctl) -> None:
+def test_rate_limit_starts_and_ends_by_itself(lab: Lab, ctl: Ctl) -> None:
     def pose() -> dict[str, Any]:
         channels = ctl("traffic ls -n uav1 --json").document["channels"]
         return next(c for c in channels if c["channel"] == "nav/pose")
@@ -267,7 +265,7 @@ def test_the_record_is_queried_followed_and_exported(ctl: Ctl, tmp_path: Path) -
     assert ctl("log query /uav1/bogus").err == "no entry matches\n"
 
 
-def test_every_node_is_synchronised_with_those_that_it_follows(ctl: Ctl) -> None:
+def test_every_node_is_synchronised_with_its_sources(ctl: Ctl) -> None:
     expected = f"synced {len(NODES) - 1}/{len(NODES) - 1}"
     end_s = time.monotonic() + PATIENCE_S
     while (listed := ctl("node ls")).out.count(expected) != len(NODES):
@@ -276,7 +274,7 @@ def test_every_node_is_synchronised_with_those_that_it_follows(ctl: Ctl) -> None
     assert [node["sync"]["followed"] for node in nodes] == [len(NODES) - 1] * len(NODES)
 
 
-def test_a_node_that_does_not_answer_is_said_to_be_silent(lab: Lab, ctl: Ctl) -> None:
+def test_unanswering_node_is_reported_as_silent(lab: Lab, ctl: Ctl) -> None:
     lab.signal("uav2", signal.SIGSTOP)
     try:
         # until its link has timed out a question waits; afterwards it is known at once
@@ -328,7 +326,7 @@ def test_a_node_that_does_not_answer_is_said_to_be_silent(lab: Lab, ctl: Ctl) ->
         pass
 
 
-def test_the_fault_of_a_lost_vehicle_is_ended_by_hand(lab: Lab, ctl: Ctl) -> None:
+def test_fault_of_lost_vehicle_is_ended_by_hand(lab: Lab, ctl: Ctl) -> None:
     clear = "health clear platform/uav2 -n gcs"
     lab.signal("uav2", signal.SIGSTOP)
     try:
@@ -378,7 +376,7 @@ def test_a_mission_is_started_watched_and_aborted(lab: Lab, ctl: Ctl) -> None:
     assert {one["state"]["epoch"] for one in states} == {states[0]["state"]["epoch"]}
 
 
-def test_paths_of_the_swarm_are_completed_after_they_were_listed(lab: Lab) -> None:
+def test_listed_paths_of_swarm_are_completed(lab: Lab) -> None:
     assert lab.ctl("tree ls").code == 0
     words = "swarmctl tree get /uav1/nav/po"
     asked = {"_SWARMCTL_COMPLETE": "bash_complete", "COMP_WORDS": words, "COMP_CWORD": "3"}
@@ -387,12 +385,12 @@ def test_paths_of_the_swarm_are_completed_after_they_were_listed(lab: Lab) -> No
 
 
 @pytest.mark.parametrize("command", ["node ls", "tree ls"])
-def test_quiet_is_quiet_and_results_alone_are_on_stdout(command: str, ctl: Ctl) -> None:
+def test_quiet_prints_results_alone_on_stdout(command: str, ctl: Ctl) -> None:
     done = ctl(f"{command} -q")
     assert (done.code, done.err) == (0, "")
 
 
-def test_a_service_is_restarted_by_the_guard_and_runs_again(ctl: Ctl) -> None:
+def test_service_is_restarted_by_guard_and_runs_again(ctl: Ctl) -> None:
     asked = ctl("app restart logger -n uav1")
     assert (asked.code, asked.out) == (2, "")
     before = ctl("app restart logger -n uav1 --yes --json").document["services"][0]["restarts"]
@@ -403,9 +401,7 @@ def test_a_service_is_restarted_by_the_guard_and_runs_again(ctl: Ctl) -> None:
     assert ctl("app restart gps -n uav1 --yes").code == 6
 
 
-def test_a_changed_file_is_in_force_after_a_restart_unless_a_live_setting_overrides_it(
-    ctl: Ctl, lab: Lab
-) -> None:
+def test_changed_file_holds_unless_live_setting_overrides_it(ctl: Ctl, lab: Lab) -> None:
     file = Path(lab.node("uav1")["folder"]) / "etc/services/navigator.toml"
     before = file.read_text() if file.exists() else ""
     key = "navigator/altitude_kd"
@@ -435,7 +431,7 @@ def test_a_changed_file_is_in_force_after_a_restart_unless_a_live_setting_overri
         file.write_text(before)
 
 
-def test_a_service_that_is_stopped_stays_so_is_no_fault_and_runs_again_when_it_is_started(ctl: Ctl) -> None:
+def test_stopped_service_stays_stopped_without_fault_until_started(ctl: Ctl) -> None:
     assert ctl("app stop logger -n uav1").code == 2, "it asks first"
     refused = ctl("app stop broker -n uav1 --yes")
     assert (refused.code, "cannot be stopped" in refused.err) == (5, True), refused.err
@@ -464,7 +460,7 @@ def test_a_service_that_is_stopped_stays_so_is_no_fault_and_runs_again_when_it_i
     assert ctl("app ls -n uav1 --json").document["stopped"] == []
 
 
-def test_a_drained_vehicle_takes_no_role_until_it_is_undrained_also_after_a_restart(ctl: Ctl) -> None:
+def test_drained_vehicle_takes_no_role_until_undrained(ctl: Ctl) -> None:
     done = ctl("node drain uav1 --json")
     assert (done.code, done.document["drained_by"].endswith("gcs")) == (0, True), done.err
     try:
@@ -484,7 +480,7 @@ def test_a_drained_vehicle_takes_no_role_until_it_is_undrained_also_after_a_rest
         assert ctl("node ls").code == 0
 
 
-def test_live_settings_go_from_one_vehicle_to_another_by_a_file(ctl: Ctl, tmp_path: Path) -> None:
+def test_live_settings_move_between_vehicles_by_file(ctl: Ctl, tmp_path: Path) -> None:
     assert ctl("config set navigator/altitude_ki 0.25 -n uav1").code == 0
     assert ctl(f"config dump {tmp_path}/gains.toml -n uav1").code == 0
     found = ctl("config diff uav1 -n uav2 --json").document["differences"]

@@ -29,7 +29,7 @@ FULL: Final = "no space left on device"
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_reader_that_closes_the_pipe_ends_a_command_without_an_error(lab: Lab, kind: str) -> None:
+def test_reader_that_closes_pipe_ends_command_without_error(lab: Lab, kind: str) -> None:
     process = lab.started(KINDS[kind])
     with process:
         assert process.stdout is not None
@@ -57,7 +57,7 @@ def test_a_closed_stdout_is_no_error(lab: Lab, kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_full_device_is_an_error_that_names_stdout(lab: Lab, kind: str) -> None:
+def test_full_device_is_error_that_names_stdout(lab: Lab, kind: str) -> None:
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
             lab.words(KINDS[kind]),
@@ -82,7 +82,7 @@ def test_a_full_device_is_an_error_that_names_stdout(lab: Lab, kind: str) -> Non
         "topo --png /dev/full",
     ],
 )
-def test_a_full_device_behind_a_file_is_an_error_that_names_the_file(lab: Lab, command: str) -> None:
+def test_full_device_behind_file_is_named_error(lab: Lab, command: str) -> None:
     done = lab.ctl(command)
     assert done.code == 1
     assert f"/dev/full: {FULL}" in done.err
@@ -90,9 +90,7 @@ def test_a_full_device_behind_a_file_is_an_error_that_names_the_file(lab: Lab, c
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
 @pytest.mark.parametrize("kind", WAITING)
-def test_a_signal_ends_a_command_within_a_second_and_its_code_says_so(
-    lab: Lab, kind: str, number: signal.Signals
-) -> None:
+def test_signal_ends_command_within_second_with_its_code(lab: Lab, kind: str, number: signal.Signals) -> None:
     process = lab.started(WAITING[kind])
     with process:
         if kind != "result":  # it prints nothing before its end; a signal during its start ends it, too

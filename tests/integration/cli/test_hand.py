@@ -116,9 +116,7 @@ ARM_MISSION = """{"mission": {
 }}"""
 
 
-def test_a_vehicle_of_unknown_readiness_arms_only_by_force_which_is_recorded(
-    ctl: Ctl, tmp_path: Path
-) -> None:
+def test_vehicle_of_unknown_readiness_arms_by_recorded_force(ctl: Ctl, tmp_path: Path) -> None:
     assert ctl("health ready uav2").out.split()[4:6] == ["uav2", "yes"]
     assert ctl("app stop health --node uav2 --yes").code == 0
     refused = ctl("arm uav2 --yes")
@@ -191,7 +189,7 @@ class Hand:
         return self._process.returncode, out.decode().splitlines()[-1] + err.decode()
 
 
-def test_a_vehicle_takes_off_is_driven_loses_its_operator_and_lands(lab: Lab, ctl: Ctl) -> None:
+def test_driven_vehicle_lands_after_losing_its_operator(lab: Lab, ctl: Ctl) -> None:
     up = ctl("takeoff uav1 --altitude 3 --json")
     assert up.code == 0, up.err
     (one,) = up.document["vehicles"]
@@ -219,7 +217,7 @@ def test_a_vehicle_takes_off_is_driven_loses_its_operator_and_lands(lab: Lab, ct
     assert down.out.startswith("uav1 landed ")
 
 
-def test_who_is_not_named_or_not_there_or_no_vehicle_is_refused(ctl: Ctl) -> None:
+def test_absent_or_groundless_vehicle_is_refused(ctl: Ctl) -> None:
     for command in ("hold", "land", "return", "disarm", "arm --yes"):
         assert ctl(command).code == 2, command
         assert ctl(f"{command} uav1 --all").code == 2, command
@@ -230,9 +228,7 @@ def test_who_is_not_named_or_not_there_or_no_vehicle_is_refused(ctl: Ctl) -> Non
     assert ctl("kill nobody --confirm nobody").code == 6
 
 
-def test_vehicles_in_the_air_are_held_returned_and_killed_one_by_one(
-    lab: Lab, ctl: Ctl, tmp_path: Path
-) -> None:
+def test_flying_vehicles_are_held_returned_and_killed(lab: Lab, ctl: Ctl, tmp_path: Path) -> None:
     unsure = UP | {"l": {"type": "Land", "next": "d", "nextError": "e"}}
     (tmp_path / "up.json").write_text(json.dumps({"mission": unsure}))
     assert ctl("mission abort --yes").code == 6, "none runs yet"
@@ -291,7 +287,7 @@ def test_vehicles_in_the_air_are_held_returned_and_killed_one_by_one(
     assert '"reason":"test"' in log
 
 
-def test_the_others_complete_their_mission_without_the_ground_station_and_without_who_is_aborted(
+def test_mission_completes_without_ground_station_and_aborted_vehicle(
     lab: Lab, ctl: Ctl, tmp_path: Path
 ) -> None:
     former = {

@@ -40,7 +40,7 @@ def environment(environment: dict[str, str], database: str) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("page", [page for page in RUN if not page.startswith(TUTORIALS)])
-def test_the_commands_of_a_page_do_what_it_says(page: str, terminal: Terminal) -> None:
+def test_commands_of_page_do_what_it_says(page: str, terminal: Terminal) -> None:
     follow_page(page, terminal)
 
 

@@ -60,7 +60,7 @@ def test_systemd_accepts_the_unit_of_a_service(made: Path, tmp_path: Path) -> No
     run("systemd-analyze", "verify", "--recursive-errors=no", str(unit), cwd=tmp_path)
 
 
-def test_the_unit_of_a_service_is_hardened_as_those_of_the_daemons(made: Path) -> None:
+def test_unit_of_service_is_hardened_like_daemons(made: Path) -> None:
     ours = (ROOT / "share/swarm/systemd" / "swarmd@.service").read_text()
     theirs = (made / "service_x/service_x.service").read_text()
     ours = ours.replace(" -/etc/swarm/keys", "")  # the broker alone writes there

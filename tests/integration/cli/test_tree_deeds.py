@@ -7,7 +7,7 @@ from tests.integration.cli.conftest import Ctl
 GAIN = "/uav2/config/navigator/altitude_kp"
 
 
-def test_a_dump_is_compared_with_now_and_loaded_back(ctl: Ctl, tmp_path: Path) -> None:
+def test_dump_is_compared_with_now_and_loaded_back(ctl: Ctl, tmp_path: Path) -> None:
     file = tmp_path / "uav2.toml"
     assert ctl(f"tree dump /uav2/config --file {file}").code == 0
     before = ctl(f"tree get {GAIN} --json").document["value"]
@@ -24,7 +24,7 @@ def test_a_dump_is_compared_with_now_and_loaded_back(ctl: Ctl, tmp_path: Path) -
     assert {"uav1", "uav2", "ugv1"} <= set(positions)
 
 
-def test_a_rule_is_in_force_at_its_platform_until_it_is_reset(ctl: Ctl) -> None:
+def test_rule_holds_at_its_platform_until_reset(ctl: Ctl) -> None:
     rule = {"pattern": "power/*", "deadband": 0.5, "min_interval_s": 2.0, "max_interval_s": 0.0}
     set_there = ctl("tree rule '/uav2/power/*' --deadband 0.5 --min-interval 2s --json").document
     assert set_there == {"schema_version": 2, "platform": "uav2", "rules": [rule]}

@@ -34,5 +34,5 @@ def machines(request: pytest.FixtureRequest) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("page", [page for page in RUN if page.startswith(TUTORIALS)])
-def test_the_commands_of_a_lesson_do_what_it_says(page: str, terminal: Terminal) -> None:
+def test_commands_of_lesson_do_what_it_says(page: str, terminal: Terminal) -> None:
     follow_page(page, terminal)

@@ -63,9 +63,7 @@ def test_every_markdown_page_is_on_the_site(site: Path) -> None:
     assert len(written) > 40
 
 
-def test_every_page_is_reached_from_the_index_by_links_of_the_texts(
-    site: Path, pages: dict[Path, Addresses]
-) -> None:
+def test_every_page_is_linked_from_index(site: Path, pages: dict[Path, Addresses]) -> None:
     reached, ahead = set(), [site / "index.html"]
     while ahead:
         page = ahead.pop()
@@ -88,7 +86,7 @@ def test_a_page_loads_nothing_from_a_network(site: Path, pages: dict[Path, Addre
     assert [text for text in inline if "//" in text or "@import" in text] == []
 
 
-def test_what_a_page_loads_and_where_it_links_is_there(site: Path, pages: dict[Path, Addresses]) -> None:
+def test_resources_and_links_of_page_exist(site: Path, pages: dict[Path, Addresses]) -> None:
     missing = []
     for path, page in pages.items():
         for url in [*page.loaded, *page.links]:
@@ -103,7 +101,7 @@ def test_what_a_page_loads_and_where_it_links_is_there(site: Path, pages: dict[P
     assert missing == []
 
 
-def test_the_search_works_on_a_page_from_a_file(site: Path, pages: dict[Path, Addresses]) -> None:
+def test_search_works_on_page_from_file(site: Path, pages: dict[Path, Addresses]) -> None:
     scripts = {urlsplit(url).path for url in pages[site / "search.html"].loaded}
     assert {"searchindex.js", "_static/searchtools.js", "_static/language_data.js"} <= scripts
     # a browser refuses `fetch` to a page from a file; only summaries of the results are fetched

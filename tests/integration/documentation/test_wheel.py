@@ -29,7 +29,7 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("folder", ["scaffolds", "templates", "missions", "examples", "schemas", "systemd"])
-def test_every_file_of_a_folder_is_in_the_wheel_unchanged(folder: str, installed: dict[str, bytes]) -> None:
+def test_every_file_of_folder_is_in_wheel_unchanged(folder: str, installed: dict[str, bytes]) -> None:
     files = [path for path in (ROOT / "share/swarm" / folder).rglob("*") if path.is_file()]
     sources = [path for path in files if "__pycache__" not in path.parts]
     assert sources

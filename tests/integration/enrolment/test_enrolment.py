@@ -43,7 +43,7 @@ async def until_known(probe: Module, *platforms: str) -> None:
             pass
 
 
-async def test_nodes_join_by_command_see_each_other_and_learn_of_changes(tmp_path: Path) -> None:
+async def test_joined_nodes_meet_and_learn_of_changes(tmp_path: Path) -> None:
     broker = {"udp_port": free_port(), "bind_address": "127.0.0.1", "multicast_interface": "127.0.0.1"}
     base, vehicle, other = (
         make_node(tmp_path, name, kind=kind, services={"broker": broker, "tree": {}})
@@ -99,7 +99,7 @@ async def test_nodes_join_by_command_see_each_other_and_learn_of_changes(tmp_pat
     assert Keys.load(base.parent / "keys", "gcs").signed == Root.load(root).signed
 
 
-async def test_a_node_that_joins_without_multicast_finds_its_inviter(tmp_path: Path) -> None:
+async def test_node_that_joins_without_multicast_finds_its_inviter(tmp_path: Path) -> None:
     common = {"bind_address": "127.0.0.1", "multicast_group": "", "udp_port": free_port()}
     base = make_node(
         tmp_path, "gcs", kind="gcs", services={"broker": {**common, "unicast_port": free_port()}}
@@ -115,7 +115,7 @@ async def test_a_node_that_joins_without_multicast_finds_its_inviter(tmp_path: P
             await until(routes, "uav1")
 
 
-async def test_an_inviter_that_is_killed_leaves_a_root_that_invites_again(tmp_path: Path) -> None:
+async def test_root_invites_again_after_inviter_was_killed(tmp_path: Path) -> None:
     base, vehicle = make_node(tmp_path, "gcs"), make_node(tmp_path, "uav1")
     root, operator = tmp_path / "root", Operator(tmp_path / "root")
     await operator.keys(base, "init")

@@ -145,7 +145,7 @@ async def inviting(root: Path) -> AsyncIterator[tuple[Inviting, str]]:
         await found.kill()
 
 
-async def test_a_lost_answer_is_given_again_to_the_same_line(tmp_path: Path) -> None:
+async def test_lost_answer_is_given_again_to_same_line(tmp_path: Path) -> None:
     async with inviting(tmp_path) as (found, token):
         async with between(token, ("127.0.0.1", lose_answer)) as through:
             code, said = await found.join(through)
@@ -157,7 +157,7 @@ async def test_a_lost_answer_is_given_again_to_the_same_line(tmp_path: Path) -> 
         await found.end()
 
 
-async def test_an_inviter_whose_receipt_was_lost_answers_until_it_gives_up_waiting(tmp_path: Path) -> None:
+async def test_inviter_answers_again_after_lost_receipt(tmp_path: Path) -> None:
     async with inviting(tmp_path) as (found, token):
         async with between(token, ("127.0.0.1", lose_receipt)) as through:
             code, said = await found.join(through)
@@ -166,7 +166,7 @@ async def test_an_inviter_whose_receipt_was_lost_answers_until_it_gives_up_waiti
         assert found.process.returncode is None, "it does not know that the node has its keys"
 
 
-async def test_behind_a_forged_refusal_the_next_address_is_asked(tmp_path: Path) -> None:
+async def test_behind_forged_refusal_next_address_is_asked(tmp_path: Path) -> None:
     async with inviting(tmp_path) as (found, token):
         ways = (("127.0.0.2", forge_refusal), ("127.0.0.1", pass_on))
         async with between(token, *ways) as through:
@@ -176,7 +176,7 @@ async def test_behind_a_forged_refusal_the_next_address_is_asked(tmp_path: Path)
         await found.end()
 
 
-async def test_an_unsigned_refusal_is_reported_as_such_when_no_address_admits(
+async def test_unsigned_refusal_is_reported_when_no_address_admits(
     tmp_path: Path,
 ) -> None:
     async with inviting(tmp_path) as (found, token):
@@ -188,7 +188,7 @@ async def test_an_unsigned_refusal_is_reported_as_such_when_no_address_admits(
         assert "127.0.0.1: uav1: the token was used (unsigned: any computer may have sent it)" in said
 
 
-async def test_a_token_comes_from_stdin_or_a_file_and_not_into_the_list_of_processes(tmp_path: Path) -> None:
+async def test_token_is_absent_from_list_of_processes(tmp_path: Path) -> None:
     async with inviting(tmp_path) as (found, token):
         (tmp_path / "token").write_text(f"{token}x\n")
         code, said = await found.join(f"@{tmp_path / 'token'}")

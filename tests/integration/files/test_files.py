@@ -27,7 +27,7 @@ DIGEST = blake2b(CONTENT, digest_size=32).digest()
 
 @pytest.mark.root
 @pytest.mark.parametrize("cut_s", [0.0, 3.0])
-def test_a_file_arrives_whole_over_a_lossy_link_that_is_cut_in_the_middle(cut_s: float) -> None:
+def test_file_arrives_whole_over_cut_lossy_link(cut_s: float) -> None:
     seen = figures_of("../files/lossyfile.py", "20", str(cut_s), tools=("ip", "nft"))
     assert seen["sent"]
     assert seen["fetched"]

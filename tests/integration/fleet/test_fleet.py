@@ -18,7 +18,7 @@ def listed(fleet: Fleet) -> dict[str, dict[str, Any]]:
     return {one["host"]: one for one in json.loads(done.stdout)["hosts"]}
 
 
-def test_hosts_are_pushed_started_listed_and_ended_also_after_a_kill(fleet: Fleet) -> None:
+def test_hosts_are_pushed_started_listed_and_ended(fleet: Fleet) -> None:
     pushed = fleet.ctl("push")
     assert pushed.returncode == 0, pushed.stderr + pushed.stdout
 

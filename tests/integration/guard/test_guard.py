@@ -73,7 +73,7 @@ async def guarded(root: Path, **services: Any) -> AsyncIterator[Path]:
                 await patience.until(lambda: not any(entry.lives for entry in everybody))
 
 
-async def test_a_guard_that_is_killed_twice_adopts_what_runs_and_goes_on_restarting(tmp_path: Path) -> None:
+async def test_twice_killed_guard_adopts_and_restarts_services(tmp_path: Path) -> None:
     run_dir = tmp_path / "uav1/run"
     async with guarded(tmp_path) as config:
         for _ in range(2):
@@ -108,7 +108,7 @@ async def asked(module: Module, path: str, request: Any, reply: Any) -> Any:
     return await patience.until_answer(lambda: module.request(path, request, reply))
 
 
-async def test_a_service_that_hangs_is_killed_and_back_and_the_fault_is_told(tmp_path: Path) -> None:
+async def test_hanging_service_is_restarted_with_fault(tmp_path: Path) -> None:
     run_dir = tmp_path / "uav1/run"
     services = {"health": {"hung_s": 1.6}, "guard": {"hung_s": 3.0}, "timesync": {}}
     async with (
@@ -133,7 +133,7 @@ async def test_a_service_that_hangs_is_killed_and_back_and_the_fault_is_told(tmp
                 told = {fault.check for fault in faults.faults}
 
 
-async def test_the_file_of_a_dead_service_that_others_lock_is_not_taken_for_a_living_one(
+async def test_locked_file_of_dead_service_is_not_alive(
     tmp_path: Path,
 ) -> None:
     run_dir = tmp_path / "uav1/run"
@@ -154,7 +154,7 @@ async def test_the_file_of_a_dead_service_that_others_lock_is_not_taken_for_a_li
         assert (await service(module, "timesync")).restarts == 2
 
 
-async def test_a_guard_that_hangs_is_replaced_by_the_monitor(tmp_path: Path) -> None:
+async def test_guard_that_hangs_is_replaced_by_monitor(tmp_path: Path) -> None:
     run_dir = tmp_path / "uav1/run"
     services = {"health": {"hung_s": 1.6}, "guard": {}, "timesync": {}}
     async with guarded(tmp_path, **services) as config, Module("probe", config_dir=config) as module:
@@ -168,7 +168,7 @@ async def test_a_guard_that_hangs_is_replaced_by_the_monitor(tmp_path: Path) -> 
         assert pids(run_dir)["timesync"] == before["timesync"]
 
 
-async def test_a_restart_on_request_is_a_new_process_and_an_unknown_service_an_error(tmp_path: Path) -> None:
+async def test_requested_restart_is_new_process_or_named_error(tmp_path: Path) -> None:
     run_dir = tmp_path / "uav1/run"
     async with (
         guarded(tmp_path, guard={}, timesync={}) as config,
@@ -183,7 +183,7 @@ async def test_a_restart_on_request_is_a_new_process_and_an_unknown_service_an_e
             )
 
 
-async def test_a_second_guard_refuses_to_run_beside_the_first(tmp_path: Path) -> None:
+async def test_second_guard_refuses_to_run_beside_first(tmp_path: Path) -> None:
     async with guarded(tmp_path, guard={}, timesync={}) as config:
         before = pids(tmp_path / "uav1/run")
         with pytest.raises(SwarmError, match="one writer only"):
@@ -192,7 +192,7 @@ async def test_a_second_guard_refuses_to_run_beside_the_first(tmp_path: Path) ->
         assert pids(tmp_path / "uav1/run") == before
 
 
-async def test_in_one_process_the_guard_has_the_runner_restart_a_service(tmp_path: Path) -> None:
+async def test_guard_in_one_process_lets_runner_restart(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"timesync": {}, "guard": {}, "health": {}})
     with no_leaks(tmp_path / "uav1/run", tmp_path / "uav1/shm"):
         async with spawn(config), Module("probe", config_dir=config) as module:

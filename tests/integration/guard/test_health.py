@@ -77,7 +77,7 @@ def watched(module: Module, motor: Motor) -> HealthMonitor:
     return monitor
 
 
-async def test_a_check_acts_where_it_was_registered_and_its_fault_lives_in_the_monitor(
+async def test_registered_check_acts_and_its_fault_lives_on(
     tmp_path: Path,
 ) -> None:
     config = make_node(tmp_path, services={"health": {"look_hz": 10.0}})
@@ -110,7 +110,7 @@ class Forwarder(Service):
         await asyncio.Event().wait()
 
 
-async def test_a_condition_that_a_service_states_is_a_fault_until_it_states_ok(tmp_path: Path) -> None:
+async def test_stated_condition_is_fault_until_ok(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"health": {"look_hz": 10.0}})
     async with Module("forwarder", config_dir=config) as module, spawn(config, "health"):
         faults = module.stream_reader("health/faults", Fault)
@@ -129,7 +129,7 @@ async def test_a_condition_that_a_service_states_is_a_fault_until_it_states_ok(t
             service.health.report("heat", "hot")
 
 
-async def test_a_killed_monitor_comes_back_with_every_registration_and_every_fault(tmp_path: Path) -> None:
+async def test_killed_monitor_restores_registrations_and_faults(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"health": {"look_hz": 10.0}})
     motor = Motor()
     async with Module("motor", config_dir=config) as module:
@@ -149,7 +149,7 @@ async def test_a_killed_monitor_comes_back_with_every_registration_and_every_fau
             await fault(faults, "motor/heat", Phase.HEALED)
 
 
-async def test_an_event_loop_that_stands_still_makes_its_checks_silent(tmp_path: Path) -> None:
+async def test_blocked_event_loop_makes_its_checks_silent(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"health": {"look_hz": 10.0}, "timesync": {}})
     async with Module("probe", config_dir=config) as probe:
         faults = probe.stream_reader("health/faults", Fault)
@@ -163,7 +163,7 @@ async def test_an_event_loop_that_stands_still_makes_its_checks_silent(tmp_path:
             await fault(faults, "probe/heat", Phase.HEALED)
 
 
-async def test_a_resource_whose_owner_is_gone_without_goodbye_is_lost(tmp_path: Path) -> None:
+async def test_resource_of_vanished_owner_is_lost(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"health": {"look_hz": 10.0, "grace_s": 0.5}, "timesync": {}})
     async with Module("probe", config_dir=config) as probe, spawn(config, "health"):
         faults = probe.stream_reader("health/faults", Fault)

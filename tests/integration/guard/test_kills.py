@@ -13,7 +13,7 @@ STARTS = 8.0
 """On a busy machine: within so many starts of one daemon from scratch, measured between the trials."""
 
 
-def test_a_node_is_whole_again_in_five_seconds_whatever_dies_together_or_is_damaged(tmp_path: Path) -> None:
+def test_node_is_whole_five_seconds_after_any_death(tmp_path: Path) -> None:
     said: list[str] = []
     starts = Starts(tmp_path)
     took_s = asyncio.run(run(tmp_path, list(TRIALS), SEED, said.append, starts.measure))
@@ -26,7 +26,7 @@ def test_a_node_is_whole_again_in_five_seconds_whatever_dies_together_or_is_dama
 @pytest.mark.parametrize(
     ("processes", "victims"), [("per-daemon", (*SERVICES[:6], "tree")), ("one", ("hal", "hal", "hal"))]
 )
-def test_a_daemon_that_is_killed_as_soon_as_it_is_back_is_back_at_once_and_counted_once(
+def test_daemon_killed_at_return_restarts_and_counts_once(
     tmp_path: Path, processes: steady_kills.Processes, victims: tuple[str, ...]
 ) -> None:
     said: list[str] = []

@@ -39,7 +39,7 @@ async def shown(state: BoardReader[HealthState], faults: tuple[str, ...]) -> Hea
     return now
 
 
-async def test_a_killed_vehicle_is_a_fault_of_the_ground_station_until_it_is_back(tmp_path: Path) -> None:
+async def test_killed_vehicle_is_ground_station_fault_until_return(tmp_path: Path) -> None:
     make_swarm(tmp_path / "keys", {"gcs": "operator", "uav1": "node"})
     broker = {"udp_port": free_port(), "bind_address": "127.0.0.1"}
     health = {"look_hz": 10.0, "clear_s": 0.5}

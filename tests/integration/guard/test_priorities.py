@@ -27,7 +27,7 @@ def burning(count: int) -> Iterator[list[int]]:
             process.wait()
 
 
-def test_a_heavy_process_yields_while_all_cores_are_in_use_and_the_next_guard_knows_it() -> None:
+def test_heavy_process_yields_cores_and_next_guard_knows() -> None:
     if lowest_nice() > 0 and len(os.sched_getaffinity(0)) == 1:
         pytest.skip("without rights and with one core nothing can be set")
     everything = os.sched_getaffinity(0)

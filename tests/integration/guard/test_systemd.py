@@ -32,7 +32,7 @@ def systemctl(folder: Path) -> tuple[str, Path]:
     return str(script), log
 
 
-async def test_a_restart_is_asked_of_systemd_and_needs_no_password(tmp_path: Path) -> None:
+async def test_restart_is_requested_from_systemd_without_password(tmp_path: Path) -> None:
     command, log = systemctl(tmp_path)
     supervisor = SystemdSupervisor(tmp_path, tmp_path, lambda *_: None, command)
     supervisor.terminate("broker", 0)
@@ -40,7 +40,7 @@ async def test_a_restart_is_asked_of_systemd_and_needs_no_password(tmp_path: Pat
     supervisor.close()
 
 
-async def test_what_has_no_process_is_restarted_and_nothing_is_started_by_the_guard(tmp_path: Path) -> None:
+async def test_service_without_process_is_restarted_not_started(tmp_path: Path) -> None:
     command, log = systemctl(tmp_path)
     supervisor = SystemdSupervisor(tmp_path, tmp_path, lambda *_: None, command)
     assert supervisor.spawn("tree") == 0
@@ -50,7 +50,7 @@ async def test_what_has_no_process_is_restarted_and_nothing_is_started_by_the_gu
     supervisor.close()
 
 
-async def test_a_child_is_found_again_by_its_note_until_it_has_joined_or_ended(tmp_path: Path) -> None:
+async def test_child_is_found_by_note_until_joined(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={})
     run_dir = tmp_path / "uav1/run"
     run_dir.mkdir()

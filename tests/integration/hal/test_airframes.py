@@ -34,7 +34,7 @@ async def until(
 @pytest.mark.parametrize(
     ("airframe", "height_m", "place"), [("helicopter", 4.0, (-17.0, 3.0)), ("fixed_wing", 20.0, (0.0, 0.0))]
 )
-def test_it_takes_off_goes_to_a_place_and_holds_there(
+def test_airframe_takes_off_reaches_place_and_holds(
     tmp_path: Path, airframe: str, height_m: float, place: tuple[float, float]
 ) -> None:
     """Flies both airframes: the fixed wing holds place and height on its circle, the helicopter also

@@ -56,7 +56,7 @@ async def send_until(
                 return
 
 
-def test_a_vehicle_is_driven_by_one_hand_at_a_time_and_killed_without_its_drivers(tmp_path: Path) -> None:
+def test_vehicle_has_one_driver_and_dies_without_drivers(tmp_path: Path) -> None:
     async def drive() -> None:
         config = make_node(tmp_path)
         async with (

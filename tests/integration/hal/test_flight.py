@@ -93,7 +93,7 @@ class Pilot:
         raise AssertionError(f"{TAKEOFFS} take-offs ended on the ground")
 
 
-def test_an_unknown_airframe_is_refused_by_the_simulation_with_the_known_ones(tmp_path: Path) -> None:
+def test_unknown_airframe_is_refused_with_known_names(tmp_path: Path) -> None:
     async def start() -> None:
         config_dir = make_node(tmp_path, "uav1", services={"sim": SimConfig()}, airframe="quad")
         with pytest.raises(SwarmError, match=r"no airframe 'quad'; expected one of .*quad_1k5"):
@@ -103,7 +103,7 @@ def test_an_unknown_airframe_is_refused_by_the_simulation_with_the_known_ones(tm
     asyncio.run(start())
 
 
-def test_a_quadrotor_takes_off_holds_and_lands_and_falls_when_it_is_killed(tmp_path: Path) -> None:
+def test_quadrotor_flies_and_falls_when_killed(tmp_path: Path) -> None:
     async def fly() -> None:
         services = {"sim": SimConfig(), "hal": HalConfig()}
         config_dir = make_node(tmp_path, "uav1", services=services, airframe="quad_1k5")

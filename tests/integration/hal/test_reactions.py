@@ -30,7 +30,7 @@ RESERVE_RATIO = 0.05
     ("away_m", "start_ratio", "action"),
     [(5.0, 0.39, "return"), (45.0, 0.5, "land")],
 )
-def test_a_vehicle_whose_battery_runs_down_lands_with_reserve(
+def test_vehicle_whose_battery_runs_down_lands_with_reserve(
     tmp_path: Path, away_m: float, start_ratio: float, action: str
 ) -> None:
     async def fly() -> None:
@@ -80,7 +80,7 @@ def test_a_vehicle_whose_battery_runs_down_lands_with_reserve(
         asyncio.run(fly())
 
 
-def test_a_vehicle_whose_mission_daemon_dies_in_the_air_lands(tmp_path: Path) -> None:
+def test_vehicle_whose_mission_daemon_dies_in_air_lands(tmp_path: Path) -> None:
     async def fly() -> None:
         config_dir = node(tmp_path, "uav1")
         async with spawn(config_dir, *VEHICLE, "health"), Module("test", config_dir=config_dir) as m:

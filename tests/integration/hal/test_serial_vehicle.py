@@ -73,7 +73,7 @@ def serial_node(root: Path) -> Path:
     return make_node(root, services={"sim": SimConfig(serial=SerialConfig(folder=str(lines))), "hal": hal})
 
 
-def test_a_vehicle_with_serial_devices_alone_is_armed_takes_off_flies_and_lands(tmp_path: Path) -> None:
+def test_vehicle_of_serial_devices_arms_flies_and_lands(tmp_path: Path) -> None:
     async def fly() -> None:
         config_dir = serial_node(tmp_path)
         async with (
@@ -129,7 +129,7 @@ def test_a_vehicle_with_serial_devices_alone_is_armed_takes_off_flies_and_lands(
         asyncio.run(fly())
 
 
-def test_an_airframe_flies_by_the_lines_of_its_sensors_and_the_pulses_of_its_motors_alone(
+def test_airframe_flies_by_sensor_lines_and_motor_pulses(
     tmp_path: Path,
 ) -> None:
     lines = tmp_path / "dev"
@@ -166,7 +166,7 @@ def test_an_airframe_flies_by_the_lines_of_its_sensors_and_the_pulses_of_its_mot
         asyncio.run(fly())
 
 
-def test_devices_that_are_unplugged_are_waited_for_and_the_vehicle_is_armed_again(tmp_path: Path) -> None:
+def test_unplugged_devices_are_awaited_and_vehicle_arms_again(tmp_path: Path) -> None:
     async def replug() -> None:
         config_dir = serial_node(tmp_path)
         async with spawn(config_dir, "hal"), Module("test", config_dir=config_dir) as m:
@@ -184,7 +184,7 @@ def test_devices_that_are_unplugged_are_waited_for_and_the_vehicle_is_armed_agai
         asyncio.run(replug())
 
 
-def test_a_device_that_is_plugged_in_gets_its_driver_and_its_branch_of_the_tree(tmp_path: Path) -> None:
+def test_plugged_device_gets_driver_and_tree_branch(tmp_path: Path) -> None:
     async def plug() -> None:
         folder = tmp_path / "dev/serial/by-id"
         rule = RecognitionRule(path=f"{folder}/gnss*", driver="nmea", settings={"path": "sensor/gnss_left"})

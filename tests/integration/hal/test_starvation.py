@@ -142,7 +142,7 @@ async def vehicle(root: Path, config_dir: Path | None = None) -> AsyncIterator[t
     [(("hal",), 0.4), (("sim",), 0.4), (("hal",), 0.8), (PARTS, 0.4), (("hal",), 1.5)],
     ids=lambda value: "+".join(value) if isinstance(value, tuple) else str(value),
 )
-def test_a_stopped_process_is_a_fault_and_the_vehicle_is_level_again(
+def test_stopped_process_is_fault_and_vehicle_levels_again(
     tmp_path: Path, parts: tuple[str, ...], duration_s: float
 ) -> None:
     async def fly() -> None:
@@ -183,7 +183,7 @@ def test_without_navigator_or_control_it_holds_its_height(tmp_path: Path) -> Non
         asyncio.run(fly())
 
 
-def test_a_flight_controller_that_is_killed_and_started_again_continues_the_flight(tmp_path: Path) -> None:
+def test_restarted_flight_controller_continues_flight(tmp_path: Path) -> None:
     async def fly() -> None:
         async with vehicle(tmp_path) as (flown, config_dir):
             begin_m = flown.pose.z_m
@@ -201,7 +201,7 @@ def test_a_flight_controller_that_is_killed_and_started_again_continues_the_flig
         asyncio.run(fly())
 
 
-def test_pulses_are_held_while_their_driver_is_stopped_or_replaced_and_then_end(tmp_path: Path) -> None:
+def test_pulses_hold_during_driver_outage_then_end(tmp_path: Path) -> None:
     duty = tmp_path / "dev/pwmchip0/pwm0/duty_cycle"
 
     async def fly() -> None:
@@ -238,7 +238,7 @@ def test_pulses_are_held_while_their_driver_is_stopped_or_replaced_and_then_end(
         asyncio.run(fly())
 
 
-def test_a_vehicle_whose_loop_was_away_lands_by_itself(tmp_path: Path) -> None:
+def test_vehicle_whose_loop_was_away_lands_by_itself(tmp_path: Path) -> None:
     async def fly() -> None:
         services = {"sim": SimConfig(), "hal": HalConfig(), "mission": {}, "health": {}}
         config_dir = make_node(tmp_path, "uav1", services=services, airframe="quad_1k5")
@@ -306,9 +306,7 @@ def processor_s(pid: int) -> float:
 
 
 @pytest.mark.parametrize("share", [0.8, 0.5])
-def test_with_a_quota_of_processor_time_the_loop_is_late_and_it_stays_in_the_air(
-    tmp_path: Path, share: float
-) -> None:
+def test_vehicle_with_processor_quota_stays_in_air(tmp_path: Path, share: float) -> None:
     """The quota of each 0.2 s is used up at once: the loop makes some steps and is stopped for the rest."""
 
     async def fly() -> None:

@@ -97,7 +97,7 @@ def test_a_surface_vessel_goes_where_it_is_sent(tmp_path: Path) -> None:
         asyncio.run(sail())
 
 
-def test_a_simulation_that_cannot_start_never_says_that_it_is_ready(tmp_path: Path) -> None:
+def test_failed_simulation_never_reports_ready(tmp_path: Path) -> None:
     async def start() -> None:
         world = tmp_path / "share/worlds/nowhere.toml"
         world.parent.mkdir(parents=True)
@@ -112,7 +112,7 @@ def test_a_simulation_that_cannot_start_never_says_that_it_is_ready(tmp_path: Pa
     asyncio.run(start())
 
 
-def test_arming_with_an_empty_battery_is_refused_with_the_reason(tmp_path: Path) -> None:
+def test_arming_with_empty_battery_is_refused_with_reason(tmp_path: Path) -> None:
     async def ask() -> None:
         config_dir = node(tmp_path, "ugv1", SimConfig(battery=BatteryConfig(start_ratio=0.05)))
         async with spawn(config_dir, "sim", "hal"), Module("test", config_dir=config_dir) as m:
@@ -124,7 +124,7 @@ def test_arming_with_an_empty_battery_is_refused_with_the_reason(tmp_path: Path)
         asyncio.run(ask())
 
 
-def test_a_killed_simulation_goes_on_where_the_vehicle_was(tmp_path: Path) -> None:
+def test_killed_simulation_resumes_where_vehicle_was(tmp_path: Path) -> None:
     async def drive() -> None:
         config_dir = node(tmp_path, "ugv1")
         async with (
@@ -150,7 +150,7 @@ def test_a_killed_simulation_goes_on_where_the_vehicle_was(tmp_path: Path) -> No
     asyncio.run(drive())
 
 
-def test_a_replayed_lidar_sends_753_packets_a_second_in_order(tmp_path: Path) -> None:
+def test_replayed_lidar_sends_753_packets_second_in_order(tmp_path: Path) -> None:
     recording = Path(__file__).parents[3] / "share/swarm/data/vlp16/recording.bin"
     data = recording.read_bytes()
     packets = {data[at : at + 1206]: at // 1206 for at in range(0, len(data), 1206)}

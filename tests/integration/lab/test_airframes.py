@@ -6,7 +6,7 @@ from typing import Any
 from tests.integration.lab.conftest import Ctl
 
 
-def test_a_helicopter_and_an_aircraft_take_off_hold_and_come_down(ctl: Ctl, labs_folder: object) -> None:
+def test_helicopter_and_aircraft_take_off_and_land(ctl: Ctl, labs_folder: object) -> None:
     airframes = ("--airframe", "uav1=helicopter", "--airframe", "uav2=fixed_wing")
     ctl("lab", "up", "formation", "--nodes", "4", *airframes, "--detach")
 

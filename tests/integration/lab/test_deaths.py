@@ -54,7 +54,7 @@ def command(*words: str) -> "subprocess.Popen[str]":
     )
 
 
-def test_a_node_whose_child_or_parent_or_both_were_killed_is_back_and_answers(
+def test_node_answers_after_child_or_parent_was_killed(
     labs_folder: Path, nothing_remains: Callable[[LabState], None]
 ) -> None:
     foreground = command("up", "formation", "--nodes", "3")
@@ -90,7 +90,7 @@ def test_a_node_whose_child_or_parent_or_both_were_killed_is_back_and_answers(
 
 
 @pytest.mark.slow
-def test_a_run_in_which_nodes_died_has_a_report_that_names_them_and_their_logs(
+def test_report_of_lab_names_dead_nodes_and_logs(
     labs_folder: Path, tmp_path: Path, nothing_remains: Callable[[LabState], None]
 ) -> None:
     out = tmp_path / "report"

@@ -27,7 +27,7 @@ def server_of(lab: LabState) -> ProcessIdentity:
     return server
 
 
-def test_nodes_of_a_lab_are_forked_and_come_back_with_and_without_the_server(
+def test_lab_nodes_fork_again_without_fork_server(
     ctl: Ctl, labs_folder: Path, nothing_remains: Callable[[LabState], None]
 ) -> None:
     ctl("lab", "up", "formation", "--nodes", "3", "--name", "forked", "--detach")

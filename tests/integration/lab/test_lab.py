@@ -19,7 +19,7 @@ Ctl = Callable[..., Done]
 Gone = Callable[[LabState], None]
 
 
-def test_a_lab_comes_up_is_listed_and_leaves_nothing_when_it_goes_while_a_second_one_goes_on(
+def test_ended_lab_leaves_nothing_beside_second_lab(
     ctl: Ctl, labs_folder: Path, nothing_remains: Gone
 ) -> None:
     up = json.loads(ctl("lab", "up", "formation", "--nodes", "3", "--detach", "--json").stdout)
@@ -47,7 +47,7 @@ def test_a_lab_comes_up_is_listed_and_leaves_nothing_when_it_goes_while_a_second
     assert list(labs_folder.iterdir()) == []
 
 
-def test_a_name_that_is_taken_is_refused_and_a_dead_labs_name_is_free(ctl: Ctl) -> None:
+def test_taken_name_is_refused_and_dead_labs_freed(ctl: Ctl) -> None:
     ctl("lab", "up", "formation", "--nodes", "3", "--name", "mine", "--detach")
     lab = labs.find("mine")
     refused = ctl("lab", "up", "formation", "--nodes", "3", "--name", "mine", "--detach", code=1)
@@ -60,7 +60,7 @@ def test_a_name_that_is_taken_is_refused_and_a_dead_labs_name_is_free(ctl: Ctl) 
     assert labs.find("mine").created_utc_ns > lab.created_utc_ns
 
 
-def test_a_lab_that_is_asked_to_end_is_taken_down(labs_folder: Path, nothing_remains: Gone) -> None:
+def test_lab_ends_on_request(labs_folder: Path, nothing_remains: Gone) -> None:
     foreground = subprocess.Popen(
         [sys.executable, "-m", "swarmctl", "lab", "up", "formation", "--nodes", "3"],
         stderr=subprocess.PIPE,
@@ -83,7 +83,7 @@ def test_a_lab_that_is_asked_to_end_is_taken_down(labs_folder: Path, nothing_rem
     nothing_remains(lab)
 
 
-def test_an_interrupt_in_the_middle_of_the_start_leaves_nothing_either(labs_folder: Path) -> None:
+def test_interrupt_in_middle_of_start_leaves_nothing_either(labs_folder: Path) -> None:
     foreground = subprocess.Popen(
         [sys.executable, "-m", "swarmctl", "lab", "up", "formation", "--nodes", "6", "--verbose"],
         stderr=subprocess.PIPE,

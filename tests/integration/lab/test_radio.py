@@ -58,7 +58,7 @@ def foreground(labs_folder: Path) -> "subprocess.Popen[str]":
     )
 
 
-def test_namespaces_devices_and_the_radio_are_gone_after_a_lab_whose_process_was_killed(
+def test_killed_lab_leaves_no_namespace_device_or_radio(
     rights: None, labs_folder: Path, ctl: Ctl, nothing_remains: Gone
 ) -> None:
     up = foreground(labs_folder)
@@ -85,7 +85,7 @@ def test_namespaces_devices_and_the_radio_are_gone_after_a_lab_whose_process_was
     assert not own & namespaces()
 
 
-def test_a_lab_whose_radio_ends_is_ended_with_the_reason(
+def test_lab_whose_radio_ends_is_ended_with_reason(
     rights: None, labs_folder: Path, nothing_remains: Gone
 ) -> None:
     up = foreground(labs_folder)
@@ -100,7 +100,7 @@ def test_a_lab_whose_radio_ends_is_ended_with_the_reason(
     nothing_remains(lab)
 
 
-def test_a_node_that_was_killed_is_back_in_its_namespace(rights: None, labs_folder: Path) -> None:
+def test_killed_node_returns_in_its_namespace(rights: None, labs_folder: Path) -> None:
     up = foreground(labs_folder)
     assert up.stderr is not None
     with up.stderr as talk:
@@ -156,7 +156,7 @@ def test_a_user_without_capabilities_gets_the_same_lab(
 
 
 @pytest.mark.mongod
-def test_loggers_in_namespaces_forward_to_a_database_outside_of_them(
+def test_loggers_in_namespaces_forward_to_outside_database(
     rights: None, labs_folder: Path, tmp_path: Path, ctl: Ctl, nothing_remains: Gone
 ) -> None:
     server = Mongod(tmp_path / "mongod")
@@ -184,9 +184,7 @@ NONE = 'echo 0 > /proc/sys/user/max_user_namespaces; exec setpriv --bounding-set
 """Shell script: no user namespaces, and no capabilities."""
 
 
-def test_without_capabilities_and_user_namespaces_the_command_is_denied(
-    rights: None, labs_folder: Path
-) -> None:
+def test_command_without_capabilities_and_namespaces_is_denied(rights: None, labs_folder: Path) -> None:
     done = start(labs_folder, "unshare", "--user", "--map-root-user", "sh", "-c", NONE, "sh")
     assert done.returncode == 5, done.stderr
     assert "lacks CAP_NET_ADMIN, CAP_SYS_ADMIN, and the kernel gives it no user namespace" in done.stderr

@@ -44,7 +44,7 @@ def short_course(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(400)
-def test_three_nodes_fly_the_formation_and_the_report_has_everything(
+def test_three_nodes_fly_formation_and_report_has_everything(
     ctl: Callable[..., Done], labs_folder: Path, tmp_path: Path, short_course: None
 ) -> None:
     out = tmp_path / "report"

@@ -23,9 +23,7 @@ def until_main_knows_the_others(ctl: Ctl) -> None:
         assert time.monotonic() < end_s, units
 
 
-def test_a_vehicle_whose_estimator_guidance_and_mission_have_a_computer_each_takes_off_and_lands(
-    ctl: Ctl, labs_folder: object
-) -> None:
+def test_vehicle_of_three_computers_takes_off_and_lands(ctl: Ctl, labs_folder: object) -> None:
     ctl("lab", "up", "formation", "--nodes", "3", "--units", "uav1", "--detach")
     names = [node.platform for node in labs.find().nodes]
     assert names == ["gcs", "ugv1", "uav1", "uav1.nav", "uav1.fc"]

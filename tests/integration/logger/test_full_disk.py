@@ -72,9 +72,7 @@ async def set_gain(module: Module, value: float) -> TreeSetDone:
     )
 
 
-async def test_a_full_disk_is_shown_and_costs_nothing_when_there_is_room_again(
-    tmp_path: Path, small_disk: Path
-) -> None:
+async def test_full_disk_is_shown_and_later_costs_nothing(tmp_path: Path, small_disk: Path) -> None:
     settings = {"flush_s": 0.1, "min_free_bytes": 0}
     config = make_node(tmp_path, kind="uav", services={"logger": settings, "health": {}, "tree": {}})
     log = small_disk / "log"

@@ -37,7 +37,7 @@ async def silent_server() -> AsyncIterator[str]:
         yield f"mongodb://127.0.0.1:{server.sockets[0].getsockname()[1]}"
 
 
-async def test_a_server_that_takes_connections_and_never_answers_is_a_fault_and_stops_no_local_log(
+async def test_unanswering_server_is_fault_and_local_log_continues(
     tmp_path: Path,
 ) -> None:
     async with silent_server() as uri:
@@ -55,7 +55,7 @@ async def test_a_server_that_takes_connections_and_never_answers_is_a_fault_and_
         assert counted(tmp_path / "uav1/data/log") == [1, 2]
 
 
-async def test_a_server_that_hangs_and_goes_on_later_gets_everything_once_and_delays_no_stop(
+async def test_server_after_hang_gets_everything_once(
     tmp_path: Path,
 ) -> None:
     server = Mongod(tmp_path / "db")

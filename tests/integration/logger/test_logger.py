@@ -18,7 +18,7 @@ from swarmware.types.scalar import Float, Int, Text
 from swarmware.types.vehicle import ArmRequest, VehicleState
 
 
-async def test_every_event_is_logged_once_although_the_logger_is_killed_in_the_middle(tmp_path: Path) -> None:
+async def test_killed_logger_logs_every_event_once(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"logger": {"flush_s": 0.1}})
     log = tmp_path / "uav1/data/log"
     async with Module("source", config_dir=config) as module:
@@ -42,7 +42,7 @@ async def test_every_event_is_logged_once_although_the_logger_is_killed_in_the_m
             assert stats.gaps == 0
 
 
-async def test_events_that_were_overwritten_unseen_are_a_gap_with_their_number(tmp_path: Path) -> None:
+async def test_overwritten_events_are_gap_with_number(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"logger": {"period_s": 1.0}})
     log = tmp_path / "uav1/data/log"
     async with Module("source", config_dir=config) as module:
@@ -64,7 +64,7 @@ async def test_events_that_were_overwritten_unseen_are_a_gap_with_their_number(t
         assert {(gap.where, gap.path) for gap in gaps} == {("ring", COUNT)}
 
 
-async def test_a_board_is_decimated_to_the_rate_of_its_descriptor(tmp_path: Path) -> None:
+async def test_board_is_decimated_to_rate_of_its_descriptor(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"logger": {"period_s": 0.02}})
     log = tmp_path / "uav1/data/log"
     async with Module("source", config_dir=config) as module, spawn(config, "logger"):
@@ -81,7 +81,7 @@ async def test_a_board_is_decimated_to_the_rate_of_its_descriptor(tmp_path: Path
         assert 0.1 < statistics.median(gaps_s) < 0.4, "one stall of a busy machine is one gap of many"
 
 
-async def test_a_board_is_followed_when_its_values_outgrow_its_ring(tmp_path: Path) -> None:
+async def test_board_is_followed_beyond_its_former_ring(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"logger": {"period_s": 0.02}})
     log = tmp_path / "uav1/data/log"
     texts = ["short", "x" * 5000, "y" * 20_000]
@@ -94,7 +94,7 @@ async def test_a_board_is_followed_when_its_values_outgrow_its_ring(tmp_path: Pa
     assert found == [Text(text) for text in texts]
 
 
-async def test_a_database_that_comes_late_and_goes_away_gets_everything_once(tmp_path: Path) -> None:
+async def test_late_or_interrupted_database_gets_everything_once(tmp_path: Path) -> None:
     server = Mongod(tmp_path / "db")
     logger_settings = {
         "flush_s": 0.1,
@@ -128,7 +128,7 @@ async def test_a_database_that_comes_late_and_goes_away_gets_everything_once(tmp
         server.stop()
 
 
-async def test_commands_are_recorded_once_in_the_input_queue_with_who_sent_them(tmp_path: Path) -> None:
+async def test_commands_are_recorded_once_with_their_sender(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"logger": {"flush_s": 0.1}})
     log = tmp_path / "uav1/data/log"
     async with (
@@ -158,7 +158,7 @@ async def test_commands_are_recorded_once_in_the_input_queue_with_who_sent_them(
     assert aborted == ["no 0", "no 1", "no 2"]
 
 
-async def test_what_a_writer_left_when_it_went_is_logged(tmp_path: Path) -> None:
+async def test_remains_of_departed_writer_are_logged(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"logger": {"period_s": 0.5}})
     log = tmp_path / "uav1/data/log"
     async with Module("source", config_dir=config) as module, spawn(config, "logger"):
@@ -173,7 +173,7 @@ async def test_what_a_writer_left_when_it_went_is_logged(tmp_path: Path) -> None
     assert counted(log) == list(range(101))
 
 
-async def test_a_wrong_address_of_the_database_is_said_without_its_password_and_stops_no_local_log(
+async def test_invalid_database_address_is_reported_without_password(
     tmp_path: Path,
 ) -> None:
     settings = {"mongodb_uri": "mongodb://swarm:secret@/nowhere:x"}

@@ -19,7 +19,7 @@ from swarmware.types.scalar import Int
 
 
 @pytest.mark.mongod
-async def test_refused_values_are_logged_and_a_server_that_refuses_all_is_a_fault_until_it_takes_them(
+async def test_refused_values_are_logged_and_total_refusal_faulted(
     tmp_path: Path,
 ) -> None:
     server = Mongod(tmp_path / "db")

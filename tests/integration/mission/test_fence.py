@@ -41,7 +41,7 @@ async def order(m: Module, name: str, **params: float) -> MissionStatus:
     return await m.request("sys/mission/manoeuvre", request, MissionStatus, timeout_s=PATIENCE_S)
 
 
-def test_a_vehicle_on_its_way_out_of_the_fence_holds_inside(tmp_path: Path) -> None:
+def test_vehicle_leaving_fence_holds_inside(tmp_path: Path) -> None:
     async def fly() -> None:
         services: dict[str, Any] = {
             "sim": SimConfig(),

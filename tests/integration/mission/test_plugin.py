@@ -58,9 +58,7 @@ def photo(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPa
 
 
 @on_uvloop
-async def test_a_block_of_another_package_is_checked_and_played_by_the_daemon(
-    tmp_path: Path, photo: None
-) -> None:
+async def test_block_of_another_package_is_played_by_daemon(tmp_path: Path, photo: None) -> None:
     async with swarm(tmp_path, "gcs", "uav1", "ugv1") as s:
         package: Any = sys.modules["photo"]
         answer = await s.ask("sys/mission/task", shoot(3), TaskAnswer)

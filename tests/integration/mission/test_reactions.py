@@ -37,7 +37,7 @@ def manifest(*rows: str) -> MissionFile:
 
 
 @on_uvloop
-async def test_a_lasting_reaction_ends_the_mission_and_refuses_weaker_orders(tmp_path: Path) -> None:
+async def test_lasting_reaction_ends_mission_and_refuses_weaker_orders(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1") as s:
         member = s["uav1"]
         member.vehicle.landed = False
@@ -69,7 +69,7 @@ async def test_a_lasting_reaction_ends_the_mission_and_refuses_weaker_orders(tmp
 
 
 @on_uvloop
-async def test_rows_of_a_mission_precede_those_of_the_platform(tmp_path: Path) -> None:
+async def test_rows_of_mission_precede_those_of_platform(tmp_path: Path) -> None:
     low = "health/state.battery == 'low'"
     own = f'name = "battery_low"\nwhen = "{low}"\naction = "hold"\nsays = "its own row"'
     async with swarm(tmp_path, "uav1") as s:
@@ -86,7 +86,7 @@ async def test_rows_of_a_mission_precede_those_of_the_platform(tmp_path: Path) -
 
 
 @on_uvloop
-async def test_a_row_whose_field_does_not_exist_is_named_and_others_act(tmp_path: Path) -> None:
+async def test_row_with_unknown_field_is_named_others_act(tmp_path: Path) -> None:
     wrong = msgspec.convert(
         {"name": "wrong", "when": "power/battery.remaining < 2", "action": "hold"}, ReactionRow
     )
@@ -103,7 +103,7 @@ async def test_a_row_whose_field_does_not_exist_is_named_and_others_act(tmp_path
 
 @pytest.mark.parametrize(("policy", "kinds"), [("land", ["land"]), ("hold", ["hold"])])
 @on_uvloop
-async def test_a_lost_link_is_a_row_with_the_settings_in_force(
+async def test_lost_link_is_row_with_settings_in_force(
     tmp_path: Path, policy: Literal["land", "hold"], kinds: list[str]
 ) -> None:
     config = msgspec.structs.replace(FAST, link_loss=policy, link_loss_s=1.0)

@@ -32,7 +32,7 @@ async def start(s: Swarm, wait: str) -> None:
 
 
 @on_uvloop
-async def test_a_mission_waits_until_a_sensor_measures_what_it_needs(tmp_path: Path) -> None:
+async def test_mission_waits_until_sensor_measures_what_it_needs(tmp_path: Path) -> None:
     async with swarm(tmp_path, "gcs", "uav1") as s:
         body = s["uav1"].vehicle.module
         fixes = body.writer("sensor/gnss", GnssFix)
@@ -47,7 +47,7 @@ async def test_a_mission_waits_until_a_sensor_measures_what_it_needs(tmp_path: P
 
 
 @on_uvloop
-async def test_a_sensor_that_does_not_come_is_a_time_out(tmp_path: Path) -> None:
+async def test_sensor_that_does_not_come_is_time_out(tmp_path: Path) -> None:
     async with swarm(tmp_path, "gcs", "uav1") as s:
         body = s["uav1"].vehicle.module
         body.writer("sensor/gnss", GnssFix).write(GnssFix(47.0, 8.0, 400.0, 1.0, 9))
@@ -56,7 +56,7 @@ async def test_a_sensor_that_does_not_come_is_a_time_out(tmp_path: Path) -> None
 
 
 @on_uvloop
-async def test_a_receiver_that_is_plugged_in_during_the_mission_ends_its_wait(tmp_path: Path) -> None:
+async def test_receiver_plugged_in_during_mission_ends_wait(tmp_path: Path) -> None:
     folder = tmp_path / "dev"
     folder.mkdir()
     rule = RecognitionRule(path=f"{folder}/gnss*", driver="nmea", settings={"rate_hz": 50.0})

@@ -102,7 +102,7 @@ async def test_an_abort_brings_everybody_down(tmp_path: Path) -> None:
 
 
 @on_uvloop
-async def test_a_return_leads_to_where_the_vehicle_was_armed_and_lands_there(tmp_path: Path) -> None:
+async def test_return_lands_where_vehicle_was_armed(tmp_path: Path) -> None:
     async with swarm(tmp_path, "gcs", "uav1", "uav2") as s:
         for name in ("uav1", "uav2"):
             s[name].vehicle.landed = False
@@ -121,7 +121,7 @@ async def test_a_return_leads_to_where_the_vehicle_was_armed_and_lands_there(tmp
 
 
 @on_uvloop
-async def test_a_navigator_that_is_blocked_ends_in_a_landing_for_all(tmp_path: Path) -> None:
+async def test_blocked_navigator_makes_all_vehicles_land(tmp_path: Path) -> None:
     async with swarm(tmp_path, "gcs", "ugv1", "uav1") as s:
         s["uav1"].vehicle.answers["formation"] = "blocked"
         await s.ask(TASK, FORMATION, TaskAnswer)
@@ -163,9 +163,7 @@ async def test_the_formation_is_completed_without_the_ground_station(tmp_path: P
     ],
 )
 @on_uvloop
-async def test_what_the_navigator_says_decides_how_a_motion_ends(
-    tmp_path: Path, answer: str, words: str
-) -> None:
+async def test_navigator_report_decides_how_motion_ends(tmp_path: Path, answer: str, words: str) -> None:
     text = """{"mission": {
         "s": {"type": "Start", "next": "go"},
         "go": {"type": "Goto", "x": 3, "y": 4, "z": 5, "next": "e"},
@@ -187,7 +185,7 @@ async def test_what_the_navigator_says_decides_how_a_motion_ends(
 
 
 @on_uvloop
-async def test_a_vehicle_that_does_not_arm_fails_the_mission(tmp_path: Path) -> None:
+async def test_vehicle_that_does_not_arm_fails_mission(tmp_path: Path) -> None:
     async with swarm(tmp_path, "gcs", "ugv1", "uav1") as s:
         s["uav1"].vehicle.refuses_to_arm = True
         await s.ask(TASK, FORMATION, TaskAnswer)
@@ -197,7 +195,7 @@ async def test_a_vehicle_that_does_not_arm_fails_the_mission(tmp_path: Path) -> 
 
 
 @on_uvloop
-async def test_a_forced_take_off_is_armed_by_force_in_the_name_of_its_operator(tmp_path: Path) -> None:
+async def test_forced_take_off_arms_in_operators_name(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1") as s:
         up = ManoeuvreRequest("takeoff", {"altitude_m": 3.0}, "wind is low", force=True)
         await s.ask("sys/mission/manoeuvre", up, MissionStatus)
@@ -213,7 +211,7 @@ async def test_a_forced_take_off_is_armed_by_force_in_the_name_of_its_operator(t
 
 
 @on_uvloop
-async def test_an_arming_that_waits_is_withdrawn_with_its_mission(tmp_path: Path) -> None:
+async def test_arming_that_waits_is_withdrawn_with_its_mission(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1") as s:
         vehicle = s["uav1"].vehicle
         vehicle.ready.clear()
@@ -240,7 +238,7 @@ async def test_a_member_that_falls_silent_breaks_the_barrier(tmp_path: Path) -> 
 
 
 @on_uvloop
-async def test_a_vehicle_under_way_lands_when_its_daemon_comes_back(tmp_path: Path) -> None:
+async def test_vehicle_under_way_lands_after_daemon_restart(tmp_path: Path) -> None:
     from swarmd.mission.service import Mission
 
     async with swarm(tmp_path, "uav1") as s:
@@ -258,7 +256,7 @@ async def test_a_vehicle_under_way_lands_when_its_daemon_comes_back(tmp_path: Pa
 
 
 @on_uvloop
-async def test_a_second_instruction_is_refused_while_the_first_is_carried_out(tmp_path: Path) -> None:
+async def test_second_instruction_is_refused_during_first(tmp_path: Path) -> None:
     async with swarm(tmp_path, "gcs", "uav1") as s:
         task = MissionTask("hover", files=(hover(2.0),))
         assert (await s.ask(TASK, task, TaskAnswer)).accepted
@@ -296,7 +294,7 @@ async def test_an_instruction_that_makes_no_sense_reaches_nobody(
 
 
 @on_uvloop
-async def test_a_plan_says_who_is_left_out_and_why_and_orders_nothing(tmp_path: Path) -> None:
+async def test_plan_names_excluded_vehicles_and_orders_nothing(tmp_path: Path) -> None:
     async with swarm(tmp_path, "gcs", "uav1", "ugv1") as s:
         one = MissionTask("hover", files=(hover(0.1),))
         plan = await s.ask("sys/mission/plan", one, MissionPlan)

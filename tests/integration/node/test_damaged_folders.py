@@ -81,7 +81,7 @@ async def info(m: Module) -> NodeInfo:
     return await m.request("sys/node/info", Empty(), NodeInfo, timeout_s=PATIENCE_S)
 
 
-def test_a_node_starts_and_answers_whatever_lies_in_its_folders(root: Path) -> None:
+def test_node_answers_whatever_its_folders_contain(root: Path) -> None:
     async def run() -> None:
         config = make_node(root, services={name: {} for name in FEW})
         run_dir = root / "uav1/run"
@@ -133,7 +133,7 @@ def stranger(make: Callable[[Path], Any]) -> Callable[[Path], None]:
     ],
     ids=["open", "closed", "link", "file", "own-open"],
 )
-def test_a_node_ends_at_its_start_with_one_line_where_its_shared_memory_is_anothers(
+def test_node_with_foreign_shared_memory_ends_with_message(
     root: Path, make: Callable[[Path], None], kind: str, processes: str
 ) -> None:
     config = make_node(root, services={"guard": {}, "tree": {}}, processes=processes)
@@ -171,7 +171,7 @@ def folder(run_dir: Path) -> None:
 
 
 @pytest.mark.parametrize("processes", ["one", "per-daemon"])
-def test_a_vehicle_whose_run_folder_is_cleaned_obeys_and_says_so(root: Path, processes: str) -> None:
+def test_vehicle_with_cleaned_run_folder_obeys_and_reports(root: Path, processes: str) -> None:
     async def run() -> None:
         services: dict[str, dict[str, Any]] = {name: {} for name in VEHICLE}
         services["broker"] = {"bind_address": "127.0.0.1", "multicast_group": "", "udp_port": free_port()}

@@ -73,7 +73,7 @@ def imported(errors: str) -> set[str]:
     return {line.rpartition("|")[2].strip() for line in errors.splitlines() if line.startswith(_MARK)}
 
 
-async def test_a_node_loads_no_plotting_database_tls_or_mail_and_stays_small(tmp_path: Path) -> None:
+async def test_node_loads_no_optional_library_and_stays_small(tmp_path: Path) -> None:
     config = make_node(tmp_path, kind="ugv", services={name: {} for name in SERVICES})
     async with spawn(config, *SERVICES, env={"PYTHONPROFILEIMPORTTIME": "1"} | WRITES_NO_BYTECODE) as process:
         loaded = imported(process.stderr())
@@ -89,14 +89,14 @@ async def test_a_node_loads_no_plotting_database_tls_or_mail_and_stays_small(tmp
         assert resident_kb(process.pid) / bare_kb() < RATIO
 
 
-async def test_the_parent_of_a_node_is_hardly_larger_than_an_empty_interpreter(tmp_path: Path) -> None:
+async def test_parent_of_node_is_hardly_larger_than_interpreter(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"register": {}})
     async with spawn(config, env=WRITES_NO_BYTECODE) as parent:
         assert {entry.pid for entry in scan(tmp_path / "uav1/run")}.isdisjoint({parent.pid})
         assert resident_kb(parent.pid) / bare_kb() < PARENT_RATIO
 
 
-async def test_a_node_with_a_plugin_of_another_package_can_use_tls(tmp_path: Path) -> None:
+async def test_node_with_foreign_plugin_can_use_tls(tmp_path: Path) -> None:
     (tmp_path / "theirs-1.0.dist-info").mkdir()
     (tmp_path / "theirs-1.0.dist-info/entry_points.txt").write_text("[swarmware.drivers]\nx = theirs:make\n")
     config = make_node(tmp_path, services={"register": {}})

@@ -40,7 +40,7 @@ def parent(pid: int) -> int | None:
     return psutil.Process(pid).ppid()
 
 
-def test_a_service_is_forked_and_ends_in_good_order(
+def test_service_is_forked_and_ends_in_good_order(
     tmp_path: Path, config: Path, server: ForkServerProcess
 ) -> None:
     async def run() -> None:
@@ -61,7 +61,7 @@ def test_a_service_is_forked_and_ends_in_good_order(
         runner.run(run())
 
 
-async def test_several_at_once_each_have_their_own_output_and_exit_code(
+async def test_concurrent_forks_have_own_output_and_exit_code(
     tmp_path: Path, config: Path, server: ForkServerProcess
 ) -> None:
     other = make_node(tmp_path, "uav2", services={"timesync": {}, "register": {}})
@@ -76,9 +76,7 @@ async def test_several_at_once_each_have_their_own_output_and_exit_code(
             assert await second.wait() == 0
 
 
-async def test_one_that_is_not_configured_names_its_exit_code_and_what_it_said(
-    config: Path, server: ForkServerProcess
-) -> None:
+async def test_unconfigured_fork_names_exit_code_and_message(config: Path, server: ForkServerProcess) -> None:
     (config / "services/timesync.toml").write_text("nonsense = 1\n")
     with no_leaks(), pytest.raises(SwarmError, match=r"(?s)ended with 7 before it was ready.*nonsense"):
         async with spawn(config, "timesync"):
@@ -86,22 +84,20 @@ async def test_one_that_is_not_configured_names_its_exit_code_and_what_it_said(
 
 
 @pytest.mark.parametrize("how", ["told so", "a variable"])
-async def test_a_new_interpreter_runs_where_a_test_is_about_its_start(config: Path, how: str) -> None:
+async def test_start_test_uses_new_interpreter(config: Path, how: str) -> None:
     env = {"PYTHONPROFILEIMPORTTIME": "1"} if how == "a variable" else None
     async with spawn(config, "timesync", env=env, forked=how != "told so") as process:
         assert parent(process.pid) == os.getpid()
         assert ("import time" in process.stderr()) == (env is not None)
 
 
-async def test_a_service_that_the_server_does_not_have_is_run_by_a_new_interpreter(config: Path) -> None:
+async def test_service_unknown_to_server_gets_new_interpreter(config: Path) -> None:
     with pytest.raises(SwarmError, match=r"(?s)ended with 6 .*not installed"):
         async with spawn(config, "nosuch"):
             pass
 
 
-async def test_a_process_that_a_test_leaves_is_noticed_by_the_test_and_at_the_end(
-    config: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_process_left_by_test_is_noticed(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(forked, "LEFT_S", 0.1)
     pid = 0
     with pytest.raises(NoAnswer, match="left"), forking(["timesync"]) as own:
@@ -116,7 +112,7 @@ async def test_a_process_that_a_test_leaves_is_noticed_by_the_test_and_at_the_en
     assert not start_ticks(pid), "it was ended"
 
 
-async def test_without_its_server_a_process_ends_and_others_have_new_interpreters(config: Path) -> None:
+async def test_process_without_server_ends_others_start_anew(config: Path) -> None:
     with forking(["timesync"]) as own:
         async with spawn(config, "timesync") as process:
             assert parent(process.pid) == own.pid
@@ -128,7 +124,7 @@ async def test_without_its_server_a_process_ends_and_others_have_new_interpreter
             assert parent(process.pid) == os.getpid()
 
 
-def test_a_server_that_ends_at_its_start_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_server_that_ends_at_its_start_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "executable", "/bin/false")
     with no_leaks(), pytest.raises(SwarmError, match="has ended"), forking(["timesync"]):
         pass

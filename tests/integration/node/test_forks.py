@@ -88,7 +88,7 @@ async def node(
             yield config, parent
 
 
-async def test_daemons_are_forked_and_look_like_those_that_were_started_from_scratch(tmp_path: Path) -> None:
+async def test_forked_daemons_look_like_freshly_started_ones(tmp_path: Path) -> None:
     async with node(tmp_path) as (config, parent):
         server = fork_server(parent.pid)
         for name, pid in daemons(tmp_path).items():
@@ -97,7 +97,7 @@ async def test_daemons_are_forked_and_look_like_those_that_were_started_from_scr
             assert standard_input(pid) == "/dev/null"
 
 
-async def test_a_fork_server_that_was_killed_is_replaced_and_no_daemon_ends_with_it(tmp_path: Path) -> None:
+async def test_killed_fork_server_is_replaced_and_daemons_live(tmp_path: Path) -> None:
     async with node(tmp_path) as (_, parent):
         before, server = daemons(tmp_path), fork_server(parent.pid)
         os.kill(server, signal.SIGKILL)
@@ -111,7 +111,7 @@ async def test_a_fork_server_that_was_killed_is_replaced_and_no_daemon_ends_with
         assert fork_server(parent.pid) == after
 
 
-async def test_a_fork_server_that_hangs_keeps_no_daemon_from_coming_back(tmp_path: Path) -> None:
+async def test_hanging_fork_server_does_not_delay_daemons(tmp_path: Path) -> None:
     async with node(tmp_path) as (_, parent):
         before, server = daemons(tmp_path), fork_server(parent.pid)
         os.kill(server, signal.SIGSTOP)
@@ -122,7 +122,7 @@ async def test_a_fork_server_that_hangs_keeps_no_daemon_from_coming_back(tmp_pat
         await until(lambda: fork_server(parent.pid) not in {0, server}, "another server")
 
 
-async def test_everything_but_the_parent_killed_at_once_is_back(tmp_path: Path) -> None:
+async def test_everything_but_parent_killed_at_once_is_back(tmp_path: Path) -> None:
     async with node(tmp_path) as (_, parent):
         before = daemons(tmp_path)
         for pid in (fork_server(parent.pid), *before.values()):
@@ -146,9 +146,7 @@ async def until_phase(module: Module, phases: set[Phase]) -> None:
 
 
 @pytest.mark.parametrize("processes", ["one", "per-daemon"])
-async def test_the_daemons_of_a_killed_parent_go_on_say_so_and_are_taken_over_by_the_next(
-    tmp_path: Path, processes: str
-) -> None:
+async def test_daemons_of_killed_parent_are_taken_over(tmp_path: Path, processes: str) -> None:
     async with node(tmp_path, processes) as (config, parent):
         before = daemons(tmp_path)
         server = fork_server(parent.pid)
@@ -169,7 +167,7 @@ async def test_the_daemons_of_a_killed_parent_go_on_say_so_and_are_taken_over_by
 
 
 @pytest.mark.parametrize("kept", [False, True])
-async def test_one_process_for_all_services_is_forked_where_the_node_keeps_a_fork_server(
+async def test_one_process_for_all_services_is_forked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kept: bool
 ) -> None:
     monkeypatch.delenv(VARIABLE, raising=False)
@@ -185,7 +183,7 @@ async def test_one_process_for_all_services_is_forked_where_the_node_keeps_a_for
             await until(partial(said, parent, f"signal 9; starts again (restart {number})"), "one restart")
 
 
-async def test_a_second_parent_is_refused_while_the_first_lives(tmp_path: Path) -> None:
+async def test_second_parent_is_refused_while_first_lives(tmp_path: Path) -> None:
     async with node(tmp_path, "one") as (config, _):
         before = daemons(tmp_path)
         with pytest.raises(SwarmError, match=r"(?s)ended with 1 .*runs here already"):
@@ -194,7 +192,7 @@ async def test_a_second_parent_is_refused_while_the_first_lives(tmp_path: Path) 
         assert daemons(tmp_path) == before
 
 
-async def test_a_guard_that_cannot_be_configured_ends_the_node_with_its_exit_code(tmp_path: Path) -> None:
+async def test_unconfigurable_guard_ends_node_with_exit_code(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"guard": {}}, processes="per-daemon")
     (config / "services/guard.toml").write_text("hung_s = -1\n")
     with no_leaks(tmp_path / "uav1/run"), pytest.raises(SwarmError, match=r"(?s)ended with 7 .*hung_s"):
@@ -202,9 +200,7 @@ async def test_a_guard_that_cannot_be_configured_ends_the_node_with_its_exit_cod
             pass
 
 
-def test_nothing_is_forked_for_one_who_has_gone_and_the_server_ends_with_its_parent(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_fork_server_ends_with_its_parent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fork_client, "ANSWER_S", PATIENCE_S)  # a busy computer forks late
     config = make_node(tmp_path, services={"timesync": {}}, processes="per-daemon")
     run_dir = tmp_path / "uav1/run"
@@ -229,9 +225,7 @@ def test_nothing_is_forked_for_one_who_has_gone_and_the_server_ends_with_its_par
         assert server.wait(PATIENCE_S) == 0
 
 
-def test_a_server_that_nodes_share_stays_until_its_last_process_has_ended(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_shared_server_stays_until_its_last_process(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = make_node(tmp_path, services={"timesync": {}, "register": {}})
     path, run_dir = tmp_path / "shared", tmp_path / "uav1/run"
     monkeypatch.setenv(VARIABLE, str(path))

@@ -52,9 +52,7 @@ def node_with_group(root: Path, processes: str) -> Path:
 
 
 @pytest.mark.parametrize("processes", ["one", "per-daemon"])
-def test_orders_reach_the_daemons_although_a_member_claims_their_addresses(
-    root: Path, processes: str
-) -> None:
+def test_orders_reach_daemons_although_member_claims_their_addresses(root: Path, processes: str) -> None:
     async def attack() -> None:
         config = node_with_group(root, processes)
         async with (

@@ -81,7 +81,7 @@ def opened(paths: list[Path]) -> Iterator[list[int]]:
         os.close(watch)
 
 
-async def test_no_request_reads_or_tells_of_a_file_outside_the_folders_of_the_node(tmp_path: Path) -> None:
+async def test_request_reads_no_file_outside_nodes_folders(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={name: {} for name in SERVICES})
     outside = [tmp_path / SECRET, config / SECRET]
     for path in outside:

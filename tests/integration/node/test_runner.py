@@ -55,7 +55,7 @@ def setting(tmp_path: Path) -> Iterator[Setting]:
         yield Setting(config_dir, install(packages))
 
 
-def test_a_service_runs_with_its_settings_and_stops_in_order(setting: Setting) -> None:
+def test_service_runs_with_settings_and_stops_in_order(setting: Setting) -> None:
     config_dir, env = setting
 
     async def run() -> None:
@@ -78,7 +78,7 @@ def test_a_service_runs_with_its_settings_and_stops_in_order(setting: Setting) -
     asyncio.run(run())
 
 
-def test_a_service_and_a_module_with_hyphens_run_under_a_guard(setting: Setting) -> None:
+def test_service_and_module_with_hyphens_run_under_guard(setting: Setting) -> None:
     config_dir, env = setting
 
     async def run() -> None:
@@ -112,7 +112,7 @@ def test_a_service_and_a_module_with_hyphens_run_under_a_guard(setting: Setting)
     asyncio.run(run())
 
 
-def test_an_entry_point_of_another_name_than_its_service_is_a_mistake(setting: Setting) -> None:
+def test_entry_point_of_another_name_is_mistake(setting: Setting) -> None:
     config_dir, env = setting
 
     async def run() -> None:
@@ -123,7 +123,7 @@ def test_an_entry_point_of_another_name_than_its_service_is_a_mistake(setting: S
     asyncio.run(run())
 
 
-def test_a_service_that_fails_is_started_again_and_its_neighbours_notice_nothing(setting: Setting) -> None:
+def test_failing_service_restarts_and_neighbours_notice_nothing(setting: Setting) -> None:
     config_dir, env = setting
 
     async def run() -> None:
@@ -154,7 +154,7 @@ def test_a_service_that_fails_is_started_again_and_its_neighbours_notice_nothing
     asyncio.run(run())
 
 
-def test_a_node_names_the_services_that_are_not_ready(setting: Setting) -> None:
+def test_node_names_services_that_are_not_ready(setting: Setting) -> None:
     config_dir, env = setting
 
     async def run() -> None:
@@ -179,7 +179,7 @@ def test_a_node_names_the_services_that_are_not_ready(setting: Setting) -> None:
     asyncio.run(run())
 
 
-def test_a_service_alone_ends_its_process_when_it_fails(setting: Setting) -> None:
+def test_service_alone_ends_its_process_when_it_fails(setting: Setting) -> None:
     config_dir, env = setting
 
     async def run() -> None:
@@ -195,7 +195,7 @@ def test_a_service_alone_ends_its_process_when_it_fails(setting: Setting) -> Non
     asyncio.run(run())
 
 
-def test_a_step_that_holds_the_event_loop_is_named(setting: Setting) -> None:
+def test_step_that_holds_event_loop_is_named(setting: Setting) -> None:
     config_dir, env = setting
 
     async def run() -> None:
@@ -214,7 +214,7 @@ def test_a_step_that_holds_the_event_loop_is_named(setting: Setting) -> None:
     asyncio.run(run())
 
 
-def test_a_service_that_does_not_finish_is_not_waited_for(setting: Setting) -> None:
+def test_unfinishing_service_is_not_waited_for(setting: Setting) -> None:
     config_dir, env = setting
 
     async def run() -> None:
@@ -237,7 +237,7 @@ def test_a_service_that_does_not_finish_is_not_waited_for(setting: Setting) -> N
         ([], {"node.toml": 'processes = "per-daemon"\nservices = ["steady"]'}, 7, "needs the guard"),
     ],
 )
-def test_what_is_wrong_at_the_start_is_one_line_and_an_exit_code(
+def test_failed_start_is_one_line_and_exit_code(
     setting: Setting, names: list[str], files: dict[str, str], code: int, words: str
 ) -> None:
     config_dir, env = setting
@@ -256,7 +256,7 @@ def test_what_is_wrong_at_the_start_is_one_line_and_an_exit_code(
     asyncio.run(run())
 
 
-def test_a_limit_of_open_files_that_is_too_low_is_named_at_the_start_with_what_is_needed(
+def test_low_limit_of_open_files_is_named(
     tmp_path: Path,
 ) -> None:
     config = make_node(tmp_path, services={"timesync": {}})
@@ -275,7 +275,7 @@ def resident_pages(pid: int) -> int:
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1])
 
 
-async def test_the_parent_of_a_node_is_little_more_than_an_interpreter(tmp_path: Path) -> None:
+async def test_parent_of_node_is_little_more_than_interpreter(tmp_path: Path) -> None:
     config_dir = make_node(tmp_path, services={"timesync": {}})
     bare = "import signal, socket; print(flush=True); signal.pause()"
     async with run_python("-c", bare) as interpreter, spawn(config_dir) as parent:

@@ -20,9 +20,7 @@ SCRIPT = Path(__file__).with_name("script.py")
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-async def test_a_module_ended_by_a_signal_takes_its_resources_and_files_with_it(
-    tmp_path: Path, number: signal.Signals
-) -> None:
+async def test_module_ended_by_signal_removes_its_files(tmp_path: Path, number: signal.Signals) -> None:
     config = make_node(tmp_path)
     with no_leaks(tmp_path / "uav1/run", tmp_path / "uav1/shm"):
         async with run_python(str(SCRIPT), str(config)) as script:
@@ -46,7 +44,7 @@ with asyncio.Runner() as runner:
 """
 
 
-async def test_a_program_whose_module_was_entered_in_a_task_that_is_over_ends_by_sigterm(
+async def test_program_after_its_modules_task_ends_by_sigterm(
     tmp_path: Path,
 ) -> None:
     config = make_node(tmp_path)

@@ -82,7 +82,7 @@ def test_messages_and_requests_cross_between_platforms(tmp_path: Path) -> None:
         asyncio.run(run())
 
 
-def test_a_full_inbox_of_another_platform_is_waited_for(tmp_path: Path) -> None:
+def test_full_inbox_of_another_platform_is_waited_for(tmp_path: Path) -> None:
     async def run() -> None:
         async with pair(tmp_path) as (near, far, _):
             inbox = far.inbox("cmd/goto", Goal, limit=1)
@@ -158,7 +158,7 @@ def test_mirrors_appear_in_a_set_of_boards(tmp_path: Path) -> None:
         asyncio.run(run())
 
 
-def test_a_pattern_with_a_wildcard_in_the_path_is_refused(tmp_path: Path) -> None:
+def test_pattern_with_wildcard_in_path_is_refused(tmp_path: Path) -> None:
     async def run() -> None:
         async with tmp_node(tmp_path) as node, Module("test", node=node) as m:
             for pattern in ("/*/nav/*", "nav/pose", "/*"):
@@ -187,7 +187,7 @@ def test_a_board_grows_and_its_reader_follows(tmp_path: Path) -> None:
     asyncio.run(run())
 
 
-def test_a_board_of_another_type_is_refused_and_counted(tmp_path: Path) -> None:
+def test_board_of_another_type_is_refused_and_counted(tmp_path: Path) -> None:
     async def run() -> None:
         async with tmp_node(tmp_path) as node, Module("test", node=node) as m:
             board = m.writer("test/number", Int)

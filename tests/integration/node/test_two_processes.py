@@ -35,7 +35,7 @@ def actor(name: str, config_dir: Path, *args: str) -> AbstractAsyncContextManage
     return run_python(ACTORS, name, str(config_dir), *args)
 
 
-def test_a_board_and_a_stream_of_another_process_are_read(config_dir: Path) -> None:
+def test_board_and_stream_of_another_process_are_read(config_dir: Path) -> None:
     async def run() -> None:
         async with Module("test", config_dir=config_dir) as m:
             # opened before there is a writer: no start order
@@ -61,7 +61,7 @@ def test_a_board_and_a_stream_of_another_process_are_read(config_dir: Path) -> N
     asyncio.run(run())
 
 
-def test_a_killed_writer_comes_back_to_the_same_readers(config_dir: Path) -> None:
+def test_killed_writer_returns_to_same_readers(config_dir: Path) -> None:
     async def run() -> None:
         async with Module("test", config_dir=config_dir) as m:
             pose = m.reader("nav/pose", Pose)
@@ -92,7 +92,7 @@ def test_a_message_is_delivered_and_acknowledged(config_dir: Path) -> None:
     asyncio.run(run())
 
 
-def test_the_sender_is_told_when_the_receiver_is_killed_in_the_middle(config_dir: Path) -> None:
+def test_sender_learns_that_receiver_was_killed(config_dir: Path) -> None:
     async def run() -> None:
         async with Module("test", config_dir=config_dir) as m, actor("hoard", config_dir) as receiver:
             await receiver.line()
@@ -111,7 +111,7 @@ def test_the_sender_is_told_when_the_receiver_is_killed_in_the_middle(config_dir
     asyncio.run(run())
 
 
-def test_a_receiver_restarted_within_the_time_gets_the_message(
+def test_receiver_restarted_within_time_gets_message(
     config_dir: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(outbox, "GRACE_NS", round(PATIENCE_S * 1e9))  # the computer may be busy
@@ -136,7 +136,7 @@ def test_a_receiver_restarted_within_the_time_gets_the_message(
     asyncio.run(run())
 
 
-def test_many_messages_into_a_small_inbox_all_arrive_once(config_dir: Path) -> None:
+def test_many_messages_into_small_inbox_all_arrive_once(config_dir: Path) -> None:
     async def run() -> None:
         async with actor("receive", config_dir) as receiver:
             await receiver.line()
@@ -149,7 +149,7 @@ def test_many_messages_into_a_small_inbox_all_arrive_once(config_dir: Path) -> N
     asyncio.run(run())
 
 
-def test_what_does_not_fit_is_refused_with_the_reason(config_dir: Path) -> None:
+def test_unfitting_value_is_refused_with_reason(config_dir: Path) -> None:
     async def run() -> None:
         async with Module("test", config_dir=config_dir) as m, actor("receive", config_dir) as receiver:
             await receiver.line()

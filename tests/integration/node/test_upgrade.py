@@ -39,7 +39,7 @@ def logged(folder: Path) -> list[tuple[str, int, msgspec.Struct | None]]:
     return [(entry.path, entry.utc_ns, entry.value()) for entry in FolderSource([folder]).entries(Query())]
 
 
-def test_every_configuration_file_of_the_former_version_is_accepted(config: Path) -> None:
+def test_every_configuration_file_of_former_version_is_accepted(config: Path) -> None:
     services = load_node(config).services
     assert {path.stem for path in (config / "services").glob("*.toml")} | {"control"} == set(services)
     assert services[-2:] == ("control", "navigator"), "0.1 had no control; without it no chassis moves"

@@ -166,7 +166,7 @@ def test_the_time_query_uses_the_tree_index(mongod: Mongod) -> None:
 
 
 @pytest.mark.mongod
-def test_a_database_killed_in_the_middle_leaves_no_gap_and_no_duplicate(tmp_path: Path) -> None:
+def test_killed_database_leaves_no_gap_or_duplicate(tmp_path: Path) -> None:
     server = Mongod(tmp_path / "db")
     server.start()
     ring = LogRing(tmp_path / "log", segment_bytes=20_000)
@@ -210,7 +210,7 @@ def test_answers_hold_plain_numbers_that_json_takes(mongod: Mongod, tmp_path: Pa
 
 
 @pytest.mark.mongod
-def test_a_queue_is_bounded_in_bytes_and_loses_its_oldest_entries(mongod: Mongod, tmp_path: Path) -> None:
+def test_byte_bounded_queue_loses_its_oldest_entries(mongod: Mongod, tmp_path: Path) -> None:
     bound = 200_000
     ring = LogRing(tmp_path)
     channel = LogChannel("uav6", "a/text", "event", "Text", "uav6:a:out")
@@ -233,7 +233,7 @@ def test_a_queue_is_bounded_in_bytes_and_loses_its_oldest_entries(mongod: Mongod
 
 
 @pytest.mark.mongod
-def test_values_that_bson_cannot_hold_are_stored_as_their_payload(mongod: Mongod) -> None:
+def test_values_outside_bson_are_stored_as_payload(mongod: Mongod) -> None:
     store = MongoStore(mongod.uri, "awkward")
     payloads = [
         registry.encode(Text("a\x00b")),
@@ -259,9 +259,7 @@ def nested(levels: int) -> bytes:
 
 @pytest.mark.mongod
 @pytest.mark.parametrize("levels", [150, 179, 180, 199, 200, 300, 900, 2000])
-def test_a_value_nested_too_deep_is_set_aside_and_the_rest_goes_on(
-    mongod: Mongod, tmp_path: Path, levels: int
-) -> None:
+def test_value_nested_too_deep_is_set_aside(mongod: Mongod, tmp_path: Path, levels: int) -> None:
     ring = LogRing(tmp_path)
     channel = LogChannel("uav1", "a/value", "event", "Unknown", "uav1:a:out")
     for number in range(1, 21):
@@ -286,7 +284,7 @@ def test_a_value_nested_too_deep_is_set_aside_and_the_rest_goes_on(
 
 
 @pytest.mark.mongod
-def test_what_a_validator_refuses_keeps_its_payload_or_else_its_reason(mongod: Mongod) -> None:
+def test_entry_refused_by_validator_keeps_payload_or_reason(mongod: Mongod) -> None:
     client: MongoClient[dict[str, Any]] = MongoClient(mongod.uri)
     collection = client["validated"].create_collection("frames", validator={"value.value": {"$ne": 7}})
     store = MongoStore(mongod.uri, "validated")
@@ -326,7 +324,7 @@ def test_what_a_validator_refuses_keeps_its_payload_or_else_its_reason(mongod: M
 
 @pytest.mark.mongod
 @pytest.mark.parametrize("until", [1, 2])
-def test_a_server_that_refuses_for_a_moment_costs_no_value(
+def test_server_that_refuses_for_moment_costs_no_value(
     mongod: Mongod, monkeypatch: pytest.MonkeyPatch, until: int
 ) -> None:
     store = MongoStore(mongod.uri, f"moment{until}")
@@ -346,7 +344,7 @@ def test_a_server_that_refuses_for_a_moment_costs_no_value(
 
 
 @pytest.mark.mongod
-def test_a_full_server_keeps_the_entries_in_the_ring(mongod: Mongod, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_server_keeps_entries_in_ring(mongod: Mongod, monkeypatch: pytest.MonkeyPatch) -> None:
     store = MongoStore(mongod.uri, "full")
     entry = LogEntry("uav1:x:out", 1, "uav1", "x", "event", "Int", 1, START, b"\x91\x07")
 
@@ -362,7 +360,7 @@ def test_a_full_server_keeps_the_entries_in_the_ring(mongod: Mongod, monkeypatch
 
 
 @pytest.mark.mongod
-def test_a_stamp_beyond_64_bits_is_stored_as_the_nearest_one(mongod: Mongod) -> None:
+def test_stamp_beyond_64_bits_is_stored_as_nearest(mongod: Mongod) -> None:
     store = MongoStore(mongod.uri, "stamps")
     entries = [
         LogEntry("uav1:x:out", number, "uav1", "x", "event", "Int", stamp, START, b"\x91\x07")
@@ -385,7 +383,7 @@ def test_an_empty_answer_names_the_databases_there_are(mongod: Mongod) -> None:
     there.close()
 
 
-def test_a_server_that_is_away_is_said_in_one_short_line() -> None:
+def test_unreachable_server_is_one_short_line() -> None:
     store = MongoStore("mongodb://127.0.0.1:1", timeout_s=0.2)
     with pytest.raises(NoAnswer) as caught:
         store.ping()
@@ -405,7 +403,7 @@ def test_a_server_that_is_away_is_said_in_one_short_line() -> None:
         "mongodb://swarm:s3cret:@host:99999",
     ],
 )
-def test_a_wrong_address_is_a_configuration_error_without_its_password(uri: str) -> None:
+def test_invalid_address_is_error_without_its_password(uri: str) -> None:
     for make in (check_uri, MongoStore):
         with pytest.raises(ConfigError, match="expected mongodb://host:port") as caught:
             make(uri)

@@ -148,7 +148,7 @@ def test_a_segment_opens_in_readers_of_others(recorded: dict[str, Path], name: s
     assert content == [first, [[2.5, -30.0]]]
 
 
-def test_every_message_of_an_export_satisfies_the_schema_in_its_file(recorded: dict[str, Path]) -> None:
+def test_every_exported_message_satisfies_its_schema(recorded: dict[str, Path]) -> None:
     found: dict[str, Any] = {}
     with recorded["export"].open("rb") as file:
         for schema, _, message in make_reader(file).iter_messages():
@@ -161,7 +161,7 @@ def test_every_message_of_an_export_satisfies_the_schema_in_its_file(recorded: d
     assert list(schema["properties"]["cells"]["items"]["properties"]) == ["depth_m", "strength_db"]
 
 
-def test_the_reader_for_javascript_opens_files_and_schemas_are_those_that_foxglove_publishes(
+def test_javascript_reader_opens_files_with_foxglove_schemas(
     recorded: dict[str, Path], tmp_path: Path
 ) -> None:
     npm, node = shutil.which("npm"), shutil.which("node")

@@ -49,7 +49,7 @@ def names(table: ApplicationTable) -> set[str]:
     return {app.name for app in table.applications}
 
 
-async def test_a_killed_master_is_replaced_and_gets_the_role_back_when_it_returns(tmp_path: Path) -> None:
+async def test_killed_master_is_replaced_and_regains_role(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"register": {}, "timesync": {}})
     with no_leaks(tmp_path / "uav1/run"):
         async with Module("probe", config_dir=config) as module, spawn(config, "timesync"):
@@ -90,7 +90,7 @@ async def test_a_killed_master_is_replaced_and_gets_the_role_back_when_it_return
             assert min(took_s) < SOON_S, took_s
 
 
-async def test_the_files_of_the_dead_are_set_aside_by_whoever_is_master(tmp_path: Path) -> None:
+async def test_files_of_dead_are_set_aside_by_master(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"timesync": {}})
     async with Module("probe", config_dir=config) as module:
         assert module.node.master.holder.pid == os.getpid()
@@ -104,7 +104,7 @@ async def test_the_files_of_the_dead_are_set_aside_by_whoever_is_master(tmp_path
             assert not [path for path in left if str(process.pid) in path.name]
 
 
-async def test_the_register_answers_who_runs_where_and_who_the_node_is(tmp_path: Path) -> None:
+async def test_register_answers_process_places_and_node_identity(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"register": {}})
     async with spawn(config, "register"), Module("probe", config_dir=config) as module:
         register = await module.request("sys/register/apps", Empty(), Register, timeout_s=PATIENCE_S)
@@ -152,7 +152,7 @@ async def holder(candidates: list[Candidate]) -> Candidate:
                 return holding[0]
 
 
-async def test_there_is_one_master_at_a_time_and_each_has_a_larger_fencing_number(tmp_path: Path) -> None:
+async def test_one_master_at_time_has_growing_fencing_number(tmp_path: Path) -> None:
     everybody: list[Candidate] = []
     for number in range(5):
         Candidate(tmp_path, f"candidate {number}", everybody)
@@ -167,7 +167,7 @@ async def test_there_is_one_master_at_a_time_and_each_has_a_larger_fencing_numbe
         assert master.lost == 1
 
 
-async def test_the_preferred_process_gets_the_role_and_loses_it_to_nobody(tmp_path: Path) -> None:
+async def test_preferred_process_keeps_its_role(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"register": {}, "timesync": {}})
     async with Module("probe", config_dir=config) as module:
         assert is_master(module)
@@ -181,7 +181,7 @@ async def test_the_preferred_process_gets_the_role_and_loses_it_to_nobody(tmp_pa
         await table_where(module, lambda table: table.epoch > epoch)
 
 
-async def test_the_fencing_number_goes_on_when_all_have_gone(tmp_path: Path) -> None:
+async def test_fencing_number_continues_after_all_left(tmp_path: Path) -> None:
     everybody: list[Candidate] = []
     Candidate(tmp_path, "first", everybody).role.close()
     everybody.clear()

@@ -29,7 +29,7 @@ async def until_known(at: Platform, what: Callable[[dict[str, set[str]]], bool])
 
 
 @on_uvloop
-async def test_a_partner_whose_applications_do_not_change_is_known_while_it_lives(tmp_path: Path) -> None:
+async def test_unchanged_partner_is_known_while_it_lives(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "gcs", start=False) as (uav, gcs):
         settings = gcs.config_dir / "services" / "register.toml"
         await asyncio.to_thread(settings.write_text, f"forget_s = {FORGET_S}\n")
@@ -58,7 +58,7 @@ async def until_partners(partners: Partners, what: Callable[[tuple[Partner, ...]
 
 
 @on_uvloop
-async def test_every_module_has_the_partners_also_while_no_register_runs(tmp_path: Path) -> None:
+async def test_every_module_has_partners_without_running_register(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "gcs", start=False) as (uav, gcs):
         await uav.start(*SERVICES)
         await gcs.start("broker", "tree")

@@ -20,7 +20,7 @@ OPERATIONS = [
 
 
 @pytest.mark.parametrize("operation", OPERATIONS)
-def test_a_kill_at_any_step_leaves_nothing_a_restart_does_not_heal(tmp_path: Path, operation: str) -> None:
+def test_kill_at_any_step_is_healed_by_restart(tmp_path: Path, operation: str) -> None:
     # a process of its own: it forks, and a fork wants a process without threads
     done = subprocess.run(
         [sys.executable, str(DRIVER), operation, str(tmp_path)],

@@ -77,7 +77,7 @@ def check(data: bytes, slot_bytes: int) -> int:
     ("slot_bytes", "manner"),
     [(64, "write"), (4096, "write"), (65536, "write"), (200_000, "write"), (200_000, "loan")],
 )
-def test_a_writer_killed_in_a_tight_loop_leaves_whole_frames_and_its_successor_goes_on(
+def test_writer_killed_in_loop_leaves_whole_frames(
     folder: Path, writers: Writers, slot_bytes: int, manner: str
 ) -> None:
     chance = random.Random(slot_bytes)
@@ -126,7 +126,7 @@ def test_a_writer_killed_in_a_tight_loop_leaves_whole_frames_and_its_successor_g
     doorbells.close()
 
 
-def test_a_stopped_reader_stops_nobody_and_counts_what_it_missed(folder: Path) -> None:
+def test_stopped_reader_blocks_no_writer_and_counts_misses(folder: Path) -> None:
     path = ring_file(folder, "nav/pose")
     doorbells = DoorbellSenders(paths.doorbells(folder))
     command = [sys.executable, str(HERE / "slowreader.py"), str(path)]
@@ -152,7 +152,7 @@ def test_a_stopped_reader_stops_nobody_and_counts_what_it_missed(folder: Path) -
     doorbells.close()
 
 
-def test_a_doorbell_of_a_killed_reader_is_dropped_by_the_writer(folder: Path) -> None:
+def test_doorbell_of_killed_reader_is_dropped_by_writer(folder: Path) -> None:
     path = ring_file(folder, "nav/pose")
     doorbells = DoorbellSenders(paths.doorbells(folder))
     command = [sys.executable, str(HERE / "slowreader.py"), str(path)]
@@ -232,7 +232,7 @@ def test_reaping_never_takes_what_a_living_process_uses(folder: Path) -> None:
     assert removed > 0
 
 
-def test_a_second_process_is_told_who_writes_and_may_after_its_death(folder: Path, writers: Writers) -> None:
+def test_second_process_learns_writer_and_succeeds_it(folder: Path, writers: Writers) -> None:
     path = ring_file(folder, "nav/pose")
     with Doorbell(paths.doorbells(folder)) as doorbell:
         doorbells = DoorbellSenders(paths.doorbells(folder))

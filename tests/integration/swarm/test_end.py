@@ -23,7 +23,7 @@ END_S = 5.0
 
 
 @pytest.mark.slow
-def test_a_node_ends_by_sigterm_in_time_and_takes_all_of_its_files_away(
+def test_node_ends_by_sigterm_and_removes_its_files(
     labs_folder: Path, tmp_path: Path, nothing_remains: Gone
 ) -> None:
     starts = Starts(tmp_path)
@@ -109,9 +109,7 @@ CTRL_C = b"\x03"
 
 @pytest.mark.slow
 @pytest.mark.parametrize("how", ["once", "without patience", "closed"])
-def test_a_lab_on_a_terminal_ends_as_a_whole_with_it(
-    labs_folder: Path, nothing_remains: Gone, how: str
-) -> None:
+def test_lab_on_terminal_ends_as_whole_with_it(labs_folder: Path, nothing_remains: Gone, how: str) -> None:
     with terminal(labs_folder, "--nodes", "3", "--per-daemon", "uav1", "--name", "k2tty") as window:
         window.read_to("Ctrl-C ends it")
         lab = labs.find("k2tty")

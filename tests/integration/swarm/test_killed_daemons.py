@@ -196,7 +196,7 @@ async def kill_all_but_the_monitor(made: Swarm) -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(240)
-def test_killed_daemons_are_back_in_time_one_by_one_or_ten_at_once_and_the_swarm_has_the_node_again(
+def test_killed_daemons_return_in_time_and_swarm_recovers(
     labs_folder: Path, tmp_path: Path, ctl: Callable[..., object], nothing_remains: Callable[[LabState], None]
 ) -> None:
     starts = Starts(tmp_path)

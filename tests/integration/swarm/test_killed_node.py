@@ -99,7 +99,7 @@ def check_log(entries: list[LogEntry], life: Life) -> None:
 
 
 @pytest.mark.slow
-def test_a_node_that_was_killed_is_missed_and_everything_heals_when_it_is_back(
+def test_killed_node_is_missed_and_heals_at_return(
     labs_folder: Path, nothing_remains: Callable[[LabState], None]
 ) -> None:
     async def run() -> LabState:

@@ -77,9 +77,7 @@ def swarmctl(home: Path) -> Callable[..., str]:
 
 @pytest.mark.slow
 @pytest.mark.root
-def test_an_ordinary_user_has_a_lab_and_nothing_is_left_of_it(
-    home: Path, swarmctl: Callable[..., str]
-) -> None:
+def test_lab_of_ordinary_user_leaves_nothing(home: Path, swarmctl: Callable[..., str]) -> None:
     mark = str(home / "labs" / NAME)
     try:
         swarmctl("lab", "up", "formation", "--nodes", "3", "--per-daemon", "uav1", "--name", NAME, "--detach")

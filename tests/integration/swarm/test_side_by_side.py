@@ -48,7 +48,7 @@ async def check(made: Swarm, own: set[int]) -> None:
 
 
 @pytest.mark.slow
-def test_two_swarms_of_the_same_name_group_and_port_stay_apart_and_go_one_by_one(
+def test_two_equally_named_swarms_stay_apart(
     labs_folder: Path, monkeypatch: pytest.MonkeyPatch, nothing_remains: Callable[[LabState], None]
 ) -> None:
     async def run() -> None:

@@ -52,7 +52,7 @@ async def beats_passed(made: Swarm, platform: str, count: int) -> None:
 
 
 @pytest.mark.slow
-def test_nodes_that_start_long_after_each_other_find_each_other(
+def test_nodes_started_long_apart_find_each_other(
     labs_folder: Path, nothing_remains: Callable[[LabState], None]
 ) -> None:
     order = ["uav1", "ugv1"]
@@ -74,7 +74,7 @@ def test_nodes_that_start_long_after_each_other_find_each_other(
 
 
 @pytest.mark.slow
-def test_nodes_that_start_in_any_order_at_once_find_each_other(
+def test_nodes_started_in_any_order_find_each_other(
     labs_folder: Path, nothing_remains: Callable[[LabState], None]
 ) -> None:
     order = list(NAMES)

@@ -80,7 +80,7 @@ async def function_where(
                 return function
 
 
-async def test_functions_follow_a_clock_over_a_step_and_a_restart(tmp_path: Path) -> None:
+async def test_functions_follow_clock_over_step_and_restart(tmp_path: Path) -> None:
     config = make_node(
         tmp_path, services={"timesync": {"solve_s": 0.1, "publish_s": 0.1}}, clock={"offset_s": -3.0}
     )
@@ -112,7 +112,7 @@ async def test_functions_follow_a_clock_over_a_step_and_a_restart(tmp_path: Path
             assert abs(local_ns - module.now_ns()) < 100_000_000
 
 
-async def test_a_killed_service_has_functions_again_from_the_next_packets(tmp_path: Path) -> None:
+async def test_killed_service_has_functions_again_from_next_packets(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"timesync": {}})
     async with Module("broker", config_dir=config) as module:
         stream = module.stream_writer("net/timing", TimingBatch)
@@ -156,7 +156,7 @@ class Partner:
         node.messaging.deliver(reply(frame, FrameKind.REPLY, payload, self._module.now_ns()))
 
 
-async def test_a_partner_gives_the_first_value_of_a_clock_that_cannot_be_measured_yet(tmp_path: Path) -> None:
+async def test_partner_gives_first_value_of_unmeasured_clock(tmp_path: Path) -> None:
     config = make_node(tmp_path, services={"timesync": {}})
     async with Module("broker", config_dir=config) as module:
         stream = module.stream_writer("net/timing", TimingBatch)
@@ -182,7 +182,7 @@ async def test_a_partner_gives_the_first_value_of_a_clock_that_cannot_be_measure
             assert remote.error_ns(measured) <= measured.bound_at_ns(module.now_ns())
 
 
-async def test_a_step_of_the_wall_clock_is_a_fault_and_changes_no_stamp(
+async def test_wall_clock_step_is_fault_and_stamps_hold(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     config = make_node(tmp_path)

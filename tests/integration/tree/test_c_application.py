@@ -71,9 +71,7 @@ def opened_by(process: asyncio.subprocess.Process) -> set[Path]:
 
 
 @on_uvloop
-async def test_a_program_in_c_whose_file_is_removed_while_it_waits_for_the_lock_keeps_its_instance(
-    listener: Path, tmp_path: Path
-) -> None:
+async def test_c_program_waiting_for_removed_lock_keeps_instance(listener: Path, tmp_path: Path) -> None:
     async with platforms(tmp_path, "gcs", tree={"keep": []}) as (gcs,), asyncio.timeout(PATIENCE_S):
         path = gcs.probe.node.run_dir / "apps" / "listener#1.toml"
         with path.open("w") as held:
@@ -89,9 +87,7 @@ async def test_a_program_in_c_whose_file_is_removed_while_it_waits_for_the_lock_
 
 
 @on_uvloop
-async def test_a_program_in_c_reads_the_pose_of_another_node_and_answers_requests(
-    listener: Path, tmp_path: Path
-) -> None:
+async def test_c_program_reads_pose_and_answers_requests(listener: Path, tmp_path: Path) -> None:
     async with (
         platforms(tmp_path, "uav1", "gcs", tree={"keep": []}) as (uav, gcs),
         started(listener, gcs.config_dir, "/uav1/nav/pose") as process,

@@ -51,7 +51,7 @@ async def collect(reader: StreamReader[Blob], until_ns: int) -> list[tuple[int, 
 
 
 @on_uvloop
-async def test_rate_and_compression_hold_at_both_ends_within_a_second_and_are_taken_back(
+async def test_rate_and_compression_hold_and_are_reset(
     tmp_path: Path,
 ) -> None:
     data = PACKETS.read_bytes()
@@ -138,7 +138,7 @@ def _value(reader: BoardReader[Float]) -> float:
 
 
 @on_uvloop
-async def test_a_board_changes_between_beacon_and_notification_at_both_ends(tmp_path: Path) -> None:
+async def test_board_changes_between_beacon_and_notification(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
         board = uav.probe.writer("power/fuel", Float)
         fuel = gcs.probe.reader("/uav1/power/fuel", Float)
@@ -154,7 +154,7 @@ async def test_a_board_changes_between_beacon_and_notification_at_both_ends(tmp_
 
 
 @on_uvloop
-async def test_what_cannot_be_limited_is_refused_and_the_refusal_is_recorded(tmp_path: Path) -> None:
+async def test_unlimited_resource_refuses_limit_and_records_it(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
         changes = uav.probe.stream_reader("tree/changes", TreeChange)
         uav.probe.stream_writer("health/notes", Blob, kind="event")
@@ -169,7 +169,7 @@ async def test_what_cannot_be_limited_is_refused_and_the_refusal_is_recorded(tmp
 
 
 @on_uvloop
-async def test_a_board_with_a_buffer_hands_its_values_of_an_outage_later_and_never_goes_back(
+async def test_buffered_board_delivers_values_of_outage_in_order(
     tmp_path: Path,
 ) -> None:
     groups = (("broker",), ("tree", "register"))

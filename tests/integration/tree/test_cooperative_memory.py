@@ -12,7 +12,7 @@ LINE = {"uav1": ("uav2",), "uav2": ("uav1", "gcs"), "gcs": ("uav2",)}
 
 
 @on_uvloop
-async def test_a_vehicle_out_of_range_has_the_tables_of_the_swarm_and_its_alarm_arrives(
+async def test_vehicle_out_of_range_has_tables_of_swarm(
     tmp_path: Path,
 ) -> None:
     async with platforms(tmp_path, "uav1", "uav2", "gcs", hear=LINE) as (far, middle, gcs):

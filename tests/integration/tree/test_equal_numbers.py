@@ -16,7 +16,7 @@ ONE, OTHER = equal_numbers()
 
 
 @on_uvloop
-async def test_equal_numbers_are_refused_on_one_node_and_a_fault_between_two(tmp_path: Path) -> None:
+async def test_equal_numbers_are_refused_or_fault(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
         uav.probe.writer(ONE, Float).write(Float(1.0))
         await gcs.until_listed(f"/uav1/{ONE}", lambda entry: entry is not None)

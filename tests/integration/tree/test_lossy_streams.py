@@ -7,7 +7,7 @@ PROGRAM = "../tree/lossystream.py"
 
 
 @pytest.mark.root
-def test_a_stream_of_a_scanner_arrives_whole_and_in_order_over_a_lossy_link() -> None:
+def test_scanner_stream_arrives_whole_over_lossy_link() -> None:
     seen = figures_of(PROGRAM, "300", "5", "--loss", "30", tools=("ip", "nft"))
     assert seen["received"] == seen["written"]
     assert seen["in_order"]
@@ -16,7 +16,7 @@ def test_a_stream_of_a_scanner_arrives_whole_and_in_order_over_a_lossy_link() ->
 
 
 @pytest.mark.root
-def test_what_a_slow_link_cannot_carry_is_a_gap_that_writer_and_reader_both_see() -> None:
+def test_overloaded_stream_has_gap_at_writer_and_reader() -> None:
     seen = figures_of(PROGRAM, "753", "5", "--link", "1mbit", tools=("ip", "tc"))
     assert seen["in_order"]
     assert seen["reader_lost"] > 0

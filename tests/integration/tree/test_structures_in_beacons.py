@@ -31,7 +31,7 @@ async def until_all_know(nodes: list[Platform], path: str) -> None:
 
 
 @on_uvloop
-async def test_nodes_join_by_beacons_not_by_requests_for_structures(tmp_path: Path) -> None:
+async def test_nodes_join_by_beacons_without_structure_requests(tmp_path: Path) -> None:
     async with platforms(tmp_path, *NAMES, tree=BEACONS_ONLY, services=TOGETHER) as nodes:
         boards = [node.probe.writer(f"plan/step{number}", Text) for number, node in enumerate(nodes)]
         for number, node in enumerate(nodes):
@@ -50,7 +50,7 @@ async def test_nodes_join_by_beacons_not_by_requests_for_structures(tmp_path: Pa
 
 
 @on_uvloop
-async def test_a_tree_that_starts_again_gets_all_structures_from_beacons(tmp_path: Path) -> None:
+async def test_restarted_tree_gets_all_structures_from_beacons(tmp_path: Path) -> None:
     async with platforms(tmp_path, *NAMES[:3], tree=BEACONS_ONLY, services=APART) as nodes:
         for node in nodes:
             await in_sync(node, 2)
@@ -67,7 +67,7 @@ async def test_a_tree_that_starts_again_gets_all_structures_from_beacons(tmp_pat
 
 
 @on_uvloop
-async def test_a_tree_that_expects_no_structures_in_beacons_requests_them(tmp_path: Path) -> None:
+async def test_tree_without_structures_in_beacons_requests_them(tmp_path: Path) -> None:
     tree = {"broadcast_s": 0.0, "keep": []}
     async with platforms(tmp_path, *NAMES[:3], tree=tree, services=APART) as nodes:
         for node in nodes:

@@ -54,7 +54,7 @@ LINE = {"uav1": ("uav2",), "uav2": ("uav1", "gcs"), "gcs": ("uav2",)}
 
 
 @on_uvloop
-async def test_the_tree_of_a_neighbour_appears_with_what_its_modules_add(tmp_path: Path) -> None:
+async def test_tree_of_neighbour_appears_with_its_modules(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
         await gcs.until_listed("/uav1/net/routes", lambda entry: entry is not None)
         board = uav.probe.writer("plan/step", Text, description="what it is about to do")
@@ -92,7 +92,7 @@ async def test_a_subscription_may_come_before_its_resource(tmp_path: Path) -> No
 
 
 @on_uvloop
-async def test_what_a_stream_loses_on_its_way_is_counted_at_its_reader_and_its_writer(tmp_path: Path) -> None:
+async def test_lost_stream_values_are_counted_at_both_ends(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
         scans = gcs.probe.stream_reader("/uav1/sensor/scan", Blob)
         scan = uav.probe.stream_writer("sensor/scan", Blob, link="notify")
@@ -120,7 +120,7 @@ async def test_what_a_stream_loses_on_its_way_is_counted_at_its_reader_and_its_w
 
 
 @on_uvloop
-async def test_a_periodic_board_rides_in_the_beacon_and_is_mirrored(tmp_path: Path) -> None:
+async def test_periodic_board_rides_in_beacon_and_is_mirrored(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
         poses = gcs.probe.readers("/*/nav/pose", Pose)
         pose = uav.probe.writer("nav/pose", Pose, rate_hz=10.0)
@@ -134,7 +134,7 @@ async def test_a_periodic_board_rides_in_the_beacon_and_is_mirrored(tmp_path: Pa
 
 
 @on_uvloop
-async def test_values_are_read_across_platforms_from_the_mirror_or_from_the_owner(tmp_path: Path) -> None:
+async def test_remote_values_come_from_mirror_or_owner(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
         board = uav.probe.writer("plan/step", Text, unit="")
         board.write(Text("turn left"))
@@ -160,7 +160,7 @@ async def test_values_are_read_across_platforms_from_the_mirror_or_from_the_owne
 
 
 @on_uvloop
-async def test_a_node_sets_nothing_at_another_platform_and_the_audit_names_it(tmp_path: Path) -> None:
+async def test_node_sets_nothing_elsewhere_and_audit_names_it(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
         gcs.probe.provide(SPEED)
         changes = gcs.probe.stream_reader("tree/changes", TreeChange)
@@ -194,7 +194,7 @@ async def test_a_node_sets_nothing_at_another_platform_and_the_audit_names_it(tm
 
 
 @on_uvloop
-async def test_settings_are_checked_kept_versioned_undone_and_seen_by_everybody(tmp_path: Path) -> None:
+async def test_settings_are_checked_kept_versioned_and_undone(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
         uav.probe.provide(SPEED)
         own = uav.probe.reader(SPEED.path, Float)
@@ -241,7 +241,7 @@ async def test_settings_are_checked_kept_versioned_undone_and_seen_by_everybody(
 
 
 @on_uvloop
-async def test_a_command_is_handed_to_its_application_and_so_is_a_board_that_takes_values(
+async def test_command_reaches_its_application_and_board(
     tmp_path: Path,
 ) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):
@@ -260,7 +260,7 @@ async def test_a_command_is_handed_to_its_application_and_so_is_a_board_that_tak
 
 @pytest.mark.parametrize("side", [0, 1], ids=["owner", "subscriber"])
 @on_uvloop
-async def test_a_tree_service_that_was_killed_heals_from_either_side(tmp_path: Path, side: int) -> None:
+async def test_killed_tree_service_heals_from_either_side(tmp_path: Path, side: int) -> None:
     async with platforms(tmp_path, "uav1", "gcs", services=(APART[0],)) as both:
         uav, gcs = both
         trees = [await platform.start("tree") for platform in both]
@@ -293,7 +293,7 @@ async def test_a_tree_service_that_was_killed_heals_from_either_side(tmp_path: P
 
 
 @on_uvloop
-async def test_an_application_that_is_killed_is_lost_at_every_neighbour(tmp_path: Path) -> None:
+async def test_killed_application_is_lost_at_every_neighbour(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "gcs", tree={"lost_s": 0.3, "expire_s": 0.5}) as (uav, gcs):
         timesync = await uav.start("timesync")
         there = "/uav1/app/timesync/status"
@@ -306,7 +306,7 @@ async def test_an_application_that_is_killed_is_lost_at_every_neighbour(tmp_path
 
 
 @on_uvloop
-async def test_a_stream_arrives_whole_and_in_order_over_two_hops(tmp_path: Path) -> None:
+async def test_stream_arrives_whole_over_two_hops(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "uav2", "gcs", hear=LINE) as (uav, _, gcs):
         scans = gcs.probe.stream_reader("/uav1/sensor/scan", Blob)
         scan = uav.probe.stream_writer("sensor/scan", Blob, link="notify")
@@ -325,7 +325,7 @@ async def test_a_stream_arrives_whole_and_in_order_over_two_hops(tmp_path: Path)
 
 
 @on_uvloop
-async def test_after_a_gap_a_reader_two_hops_away_gets_the_state_and_goes_on_in_order(tmp_path: Path) -> None:
+async def test_distant_reader_gets_state_after_gap(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "uav2", "gcs", hear=LINE) as (uav, _, gcs):
         written: list[int] = []
         deltas = uav.probe.stream_writer("map/delta", Int, link="notify", slots=8)
@@ -361,7 +361,7 @@ async def test_after_a_gap_a_reader_two_hops_away_gets_the_state_and_goes_on_in_
 
 
 @on_uvloop
-async def test_a_platform_two_hops_away_is_met_subscribed_and_set(tmp_path: Path) -> None:
+async def test_platform_two_hops_away_is_met_and_set(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "uav2", "gcs", hear=LINE) as (uav, _, gcs):
         board = uav.probe.writer("plan/step", Text)
         board.write(Text("turn left"))
@@ -378,7 +378,7 @@ async def test_a_platform_two_hops_away_is_met_subscribed_and_set(tmp_path: Path
 
 
 @on_uvloop
-async def test_what_a_killed_platform_said_last_stays_readable_with_its_age(tmp_path: Path) -> None:
+async def test_last_value_of_killed_platform_stays_readable(tmp_path: Path) -> None:
     keep = {"keep": ["nav/pose", "vehicle/state"]}
     async with platforms(tmp_path, "uav1", "gcs", tree=keep, start=False) as (uav, gcs):
         process = await uav.start(*SERVICES)
@@ -412,7 +412,7 @@ async def test_what_a_killed_platform_said_last_stays_readable_with_its_age(tmp_
 
 
 @on_uvloop
-async def test_a_limit_of_the_broker_holds_for_what_the_tree_notifies_and_commands_are_refused(
+async def test_broker_limit_covers_notifications_but_refuses_commands(
     tmp_path: Path,
 ) -> None:
     async with platforms(tmp_path, "uav1", "gcs") as (uav, gcs):

@@ -42,7 +42,7 @@ async def subscribed(writer: StreamWriter[Int], reader: StreamReader[Int]) -> No
 
 
 @on_uvloop
-async def test_units_of_a_platform_and_others_reach_each_other_by_path_alone(tmp_path: Path) -> None:
+async def test_units_of_platform_reach_each_other_by_path(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "uav1.fc", "gcs") as (main, fc, gcs):
         # boards, both ways, and at another platform; each unit reads them at the same path
         attitude = fc.probe.writer("nav/attitude", Float, rate_hz=50, link="tick")
@@ -108,7 +108,7 @@ async def test_units_of_a_platform_and_others_reach_each_other_by_path_alone(tmp
 
 
 @on_uvloop
-async def test_resources_of_a_killed_unit_are_lost_and_return_with_it(tmp_path: Path) -> None:
+async def test_resources_of_killed_unit_return_with_it(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "uav1.fc", "gcs", start=False) as (main, fc, gcs):
         _, killed, _ = [await node.start(*SERVICES) for node in (main, fc, gcs)]
         pose = fc.probe.writer("nav/pose", Pose)
@@ -131,7 +131,7 @@ async def test_resources_of_a_killed_unit_are_lost_and_return_with_it(tmp_path: 
 
 
 @on_uvloop
-async def test_each_computer_measures_what_its_applications_receive_from_the_others(tmp_path: Path) -> None:
+async def test_each_computer_measures_its_received_resources(tmp_path: Path) -> None:
     async with platforms(tmp_path, "uav1", "uav1.fc", "gcs") as (main, fc, gcs):
         attitude = fc.probe.writer("nav/attitude", Float, rate_hz=50, link="tick")
         attitude.write(Float(0.25))

@@ -102,7 +102,7 @@ def distance(a: Pose, b: Pose) -> float:
 
 
 @pytest.mark.parametrize("seed", seeds(3, 20))
-def test_a_vehicle_whose_manual_set_points_stop_holds_and_stays_where_it_is(seed: int) -> None:
+def test_vehicle_without_manual_set_points_holds_position(seed: int) -> None:
     flight = airborne(seed)
     flight.request(DriveEvent.DRIVE)
     flight.manual = (Setpoint(2.0, 0.0, 0.5, 0.2), OPERATORS[0])
@@ -119,7 +119,7 @@ def test_a_vehicle_whose_manual_set_points_stop_holds_and_stays_where_it_is(seed
 
 
 @pytest.mark.parametrize("seed", seeds(3, 20))
-def test_a_vehicle_that_is_given_back_stays_there_and_does_not_return_to_its_former_goal(seed: int) -> None:
+def test_returned_vehicle_stays_and_forgets_former_goal(seed: int) -> None:
     flight = airborne(seed)
     flight.request(DriveEvent.DRIVE)
     flight.manual = (Setpoint(1.5, 0.0, 0.8), OPERATORS[0])
@@ -135,7 +135,7 @@ def test_a_vehicle_that_is_given_back_stays_there_and_does_not_return_to_its_for
 
 
 @pytest.mark.parametrize("seed", seeds(3, 20))
-def test_a_goal_that_was_not_reached_is_continued_when_the_vehicle_is_given_back(seed: int) -> None:
+def test_unreached_goal_continues_after_manual_control(seed: int) -> None:
     flight = airborne(seed)
     x, y = flight.truth.x_m + 12.0, flight.truth.y_m
     flight.navigator.on_goal(Goal(2, GoalKind.GOTO, x_m=x, y_m=y, z_m=5.0, speed_m_s=2.0), flight.now_ns)
@@ -150,7 +150,7 @@ def test_a_goal_that_was_not_reached_is_continued_when_the_vehicle_is_given_back
 
 
 @pytest.mark.parametrize("seed", seeds(5, 100))
-def test_under_random_events_at_most_one_source_drives_and_silence_never_moves_the_vehicle(seed: int) -> None:
+def test_one_source_at_most_drives_and_silence_holds(seed: int) -> None:
     """With no seed the vehicle still moves 3 s after all operators are silent in a mode other than auto."""
     chance = random.Random(seed)
     flight = airborne(seed)

@@ -99,7 +99,7 @@ class Sending:
 
 @pytest.mark.parametrize("seed", range(40))
 @pytest.mark.parametrize("loss", [0.0, 0.1, 0.4])
-def test_each_message_arrives_exactly_once_or_its_sender_is_told(seed: int, loss: float) -> None:
+def test_each_message_arrives_once_or_sender_learns(seed: int, loss: float) -> None:
     net: VirtualSwarm[int] = VirtualSwarm(seed, loss=loss, duplicate=0.2, delay_s=(0.001, 0.4))
     receiving, sending = Receiving(net, room=8), Sending(net)
     count = 60
@@ -135,7 +135,7 @@ def test_a_seed_gives_the_same_run_again() -> None:
     assert run() == run()
 
 
-def test_twenty_thousand_messages_of_forty_senders_in_ten_seconds_are_each_given_once() -> None:
+def test_twenty_thousand_messages_are_each_delivered_once() -> None:
     net: VirtualSwarm[int] = VirtualSwarm(11, loss=0.45, duplicate=0.1, delay_s=(0.001, 0.05))
     receiving = Receiving(net, room=1_000_000)
     senders = [Sending(net, hardware=100 + number) for number in range(40)]
@@ -154,9 +154,7 @@ def test_twenty_thousand_messages_of_forty_senders_in_ten_seconds_are_each_given
 
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("ahead_s", [0.0, -300.0, 86_400.0])
-def test_a_message_whose_sender_was_told_that_it_expired_is_not_given_later(
-    seed: int, ahead_s: float
-) -> None:
+def test_expired_message_is_not_delivered_later(seed: int, ahead_s: float) -> None:
     net: VirtualSwarm[int] = VirtualSwarm(seed, loss=0.3, delay_s=(0.05, 0.6))
     error_ns = net.random.randint(-2_000_000, 2_000_000)
     ahead_ns = round(ahead_s * 1e9)

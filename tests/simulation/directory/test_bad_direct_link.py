@@ -10,7 +10,7 @@ PAIRS = (("uav1", "uav2"), ("uav2", "uav1"))
 
 
 @pytest.mark.parametrize("seed", seeds(2, 10))
-def test_idle_nodes_use_no_link_that_loses_60_percent_beside_a_clean_way_of_two_hops(seed: int) -> None:
+def test_idle_nodes_avoid_link_with_heavy_loss(seed: int) -> None:
     swarm = Triangle(seed, busy=False)
     swarm.run_for(SETTLED_S)
     assert all(swarm.via(name, goal) == goal for name, goal in PAIRS)
@@ -21,7 +21,7 @@ def test_idle_nodes_use_no_link_that_loses_60_percent_beside_a_clean_way_of_two_
         assert [swarm.via(name, goal) for name, goal in PAIRS] == ["uav3", "uav3"]
 
 
-def test_the_direct_link_is_used_again_when_it_is_good_again() -> None:
+def test_recovered_direct_link_is_used_again() -> None:
     swarm = Triangle(1, busy=False)
     swarm.direct_loss = LOSS
     swarm.run_for(3 * SETTLED_S)

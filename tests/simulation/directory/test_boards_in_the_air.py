@@ -15,7 +15,7 @@ from tests.simulation.seeds import seeds
 from swarmware.model.names import hardware_id
 
 
-def test_poses_of_16_moving_nodes_are_fresh_everywhere_and_cheap() -> None:
+def test_poses_of_16_nodes_are_fresh_and_cheap() -> None:
     ages_s: dict[int, list[float]] = defaultdict(list)
     bytes_s: list[float] = []
     for seed in seeds(2, 5):
@@ -46,7 +46,7 @@ def test_poses_of_16_moving_nodes_are_fresh_everywhere_and_cheap() -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)  # 15 s of an idle core
-def test_poses_of_100_moving_nodes_stay_within_their_bytes_and_are_fresh_nearby() -> None:
+def test_poses_of_100_nodes_stay_within_their_bytes() -> None:
     air = Air(0, count=100, degree=9.0, speed_m_s=5.0)
     air.fly(4.0, look=False)  # until all names are known
     warm_bytes = air.sent_bytes_all()
@@ -57,7 +57,7 @@ def test_poses_of_100_moving_nodes_stay_within_their_bytes_and_are_fresh_nearby(
     assert np.quantile(np.array(air.ages_s[2]), 0.95) <= 0.32
 
 
-def test_poses_of_16_nodes_in_one_cell_are_not_relayed() -> None:
+def test_poses_in_one_cell_are_not_relayed() -> None:
     air = Air(1, count=16, degree=300.0, speed_m_s=0.0)
     air.run_for(3.0)
     warm_bytes = air.sent_bytes_all()

@@ -20,7 +20,7 @@ GOAL: Final = 0.25
     ("count", "whole", "settle_s", "seconds"),
     cases([(200, 1, 40.0, 20.0)], [(200, 3, 40.0, 20.0), (500, 1, 150.0, 20.0)]),
 )
-def test_hundreds_of_nodes_in_one_cell_leave_air_and_keep_their_links(
+def test_hundreds_in_one_cell_keep_their_links(
     count: int, whole: int, settle_s: float, seconds: float
 ) -> None:
     cell = Cell(1, count, whole)

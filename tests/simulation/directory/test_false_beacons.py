@@ -53,7 +53,7 @@ class AirWithForger(Air):
 
 
 @pytest.mark.parametrize("seed", seeds(1, 10))
-def test_nobody_ever_believes_the_forger_and_the_true_poses_arrive(seed: int) -> None:
+def test_forger_is_refused_and_true_poses_arrive(seed: int) -> None:
     air = AirWithForger(seed)
     air.fly(4.0, look=False)
     assert not any(node.of(ReportImpersonation) for node in air.brokers.values()), "none without a reason"

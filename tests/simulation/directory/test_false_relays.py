@@ -89,7 +89,7 @@ class AirWithForger(Air):
 
 @pytest.mark.parametrize("seed", seeds(1, 10))
 @pytest.mark.parametrize("ahead_s", [0.0, 60.0])
-def test_nobody_takes_an_invented_value_and_the_member_alone_is_named(seed: int, ahead_s: float) -> None:
+def test_invented_value_is_refused_and_member_is_named(seed: int, ahead_s: float) -> None:
     air = AirWithForger(seed, count=10, degree=5.0, speed_m_s=5.0)
     air.fly(4.0, look=False)
     assert not air.accused(), "nobody is accused without a reason"

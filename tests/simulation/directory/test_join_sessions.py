@@ -145,9 +145,7 @@ class Cell(VirtualSwarm[str]):
     ("seed", "tree_delay_s"),
     cases([(1, 0.0), (2, 0.7)], [(seed, delay_s) for seed in range(3, 11) for delay_s in (0.0, 0.7)]),
 )
-def test_a_node_joins_fifteen_others_with_a_kilobyte_and_the_structures_and_is_linked_at_once(
-    seed: int, tree_delay_s: float
-) -> None:
+def test_joining_node_is_linked_to_fifteen_at_once(seed: int, tree_delay_s: float) -> None:
     cell = Cell(seed)
     for number in range(OTHERS):
         cell.start(f"uav{number + 1}")
@@ -170,7 +168,7 @@ def test_a_node_joins_fifteen_others_with_a_kilobyte_and_the_structures_and_is_l
     assert joining["checks"] + heads + questions <= JOIN_BYTES
 
 
-def test_a_false_beacon_in_the_name_of_a_neighbour_gives_it_no_other_structure() -> None:
+def test_false_beacon_changes_no_structure_of_neighbour() -> None:
     cell = Cell(seed=1)
     one, victim = cell.start("uav1"), cell.start("uav2")
     cell.run_for(4.0)

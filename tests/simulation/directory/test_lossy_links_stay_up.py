@@ -38,12 +38,12 @@ def test_a_link_that_loses_beacons_does_not_flap(seed: int, subscribed: bool, lo
     assert up
 
 
-def test_a_link_that_loses_nearly_everything_is_taken_down() -> None:
+def test_link_that_loses_nearly_everything_is_taken_down() -> None:
     fell, _ = flaps(1, 0.85, subscribed=True)
     assert fell > 0
 
 
-def test_the_loss_of_most_new_links_is_known_within_a_second() -> None:
+def test_loss_of_new_links_is_known_within_second() -> None:
     known = 0
     for seed in range(NEW):
         swarm = Swarm(seed, 2, speed_m_s=0.0, loss=0.4)

@@ -11,7 +11,7 @@ LASTS_S = 60.0
 
 
 @pytest.mark.parametrize("seed", seeds(1, 5))
-def test_the_links_of_sixteen_quiet_nodes_do_not_flap_at_a_loss_of_30_percent(seed: int) -> None:
+def test_sixteen_quiet_lossy_links_do_not_flap(seed: int) -> None:
     swarm = Storm(seed, 16, loss=0.3, subscribed=False)
     swarm.run_for(BEFORE_S)
     nodes = swarm.started.values()

@@ -78,7 +78,7 @@ def test_restarts_among_slow_senders_make_no_loop(
 
 
 @pytest.mark.parametrize("seed", seeds(1, 3))
-def test_nodes_that_lost_their_data_make_no_loop_either(tmp_path: Path, seed: int) -> None:
+def test_nodes_without_former_data_make_no_loop(tmp_path: Path, seed: int) -> None:
     quiet_ns = FormerSession(tmp_path).quiet_ns(SECOND)
     swarm = Restarting(seed, 2.0, subscribed=False)
     for _ in range(60):

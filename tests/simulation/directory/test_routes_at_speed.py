@@ -31,6 +31,6 @@ def test_swarms_at_10_m_s_have_their_routes(
     ("seeds", "nodes", "seconds"),
     cases([(range(1, 3), 16, 8)], [(range(1, 5), 16, 15), (range(1, 2), 50, 8)]),
 )
-def test_idle_swarms_at_10_m_s_have_nearly_all_their_routes(seeds: range, nodes: int, seconds: int) -> None:
+def test_idle_swarms_in_motion_have_nearly_all_routes(seeds: range, nodes: int, seconds: int) -> None:
     flights = [fly(Swarm(seed, nodes, speed_m_s=10.0, subscribed=False), WARM_S, seconds) for seed in seeds]
     assert sum(flight.routed_ratio for flight in flights) / len(flights) >= 0.99, flights

@@ -53,7 +53,7 @@ class Channel(VirtualSwarm[str]):
         return sum(change.event is LinkEvent.SILENT for node in self.brokers for change in node.links)
 
 
-def test_brokers_whose_channel_is_short_slow_down_keep_their_links_and_come_back() -> None:
+def test_brokers_short_of_channel_slow_and_keep_links() -> None:
     channel = Channel(1)
     channel.run_for(3)
     assert channel.rates_hz() == [10.0] * NODES

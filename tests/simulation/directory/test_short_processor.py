@@ -94,7 +94,7 @@ class Processor(VirtualSwarm[str]):
         return [node.core.report.traffic(self.now_ns).tick_hz for node in self.brokers]
 
 
-def test_brokers_whose_processor_is_short_slow_down_keep_their_links_and_come_back() -> None:
+def test_brokers_short_of_processor_slow_and_keep_links() -> None:
     processor = Processor(0)
     processor.run_for(5)
     processor.shorten(30)
@@ -111,7 +111,7 @@ def test_brokers_whose_processor_is_short_slow_down_keep_their_links_and_come_ba
     assert not processor.silent()
 
 
-def test_the_same_brokers_lose_their_links_without_slowing_down(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_same_brokers_lose_their_links_without_slowing_down(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Slowdown, "on_beacon", lambda *_: False)
     processor = Processor(0)
     processor.run_for(5)
@@ -120,7 +120,7 @@ def test_the_same_brokers_lose_their_links_without_slowing_down(monkeypatch: pyt
     assert processor.silent() > 10
 
 
-def test_late_beacons_without_loss_leave_frames_on_their_connections() -> None:
+def test_late_beacons_without_loss_keep_frames_on_connections() -> None:
     processor = Processor(0)
     processor.receive_ms = LATE_MS
     carriers = {node.name: ReliableLinks(Config()) for node in processor.brokers}

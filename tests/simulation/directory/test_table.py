@@ -17,7 +17,7 @@ PAGE: Final = Path(__file__).parents[3] / "share/doc/scale.md"
 ROW: Final = re.compile(r"^\| (\d+)\b.*\| `([a-z]+ [^`]*)` \|$", re.MULTILINE)
 
 
-def test_each_row_of_the_page_is_computed_by_its_command() -> None:
+def test_each_row_of_page_is_computed_by_command() -> None:
     rows = ROW.findall(PAGE.read_text())
     assert rows
     for nodes, command in rows:
@@ -31,7 +31,7 @@ def test_a_size_that_no_table_has_is_refused(capsys: pytest.CaptureFixture[str])
     assert "--nodes 17" in capsys.readouterr().err
 
 
-def test_an_outage_lasts_until_a_connected_pair_has_its_route_again() -> None:
+def test_outage_lasts_until_connected_pair_has_route() -> None:
     outages = Outages(2)
     yes, no = np.ones((2, 2), dtype=bool), np.zeros((2, 2), dtype=bool)
     one = np.array([[False, True], [False, False]])
@@ -45,7 +45,7 @@ def test_an_outage_lasts_until_a_connected_pair_has_its_route_again() -> None:
     assert outages.all_s() == [0.5], "its pair was parted"
 
 
-def test_a_route_that_leads_back_is_found_at_the_instant_of_its_change() -> None:
+def test_looping_route_is_found_when_it_changes() -> None:
     swarm = Swarm(1, 16, speed_m_s=0.0)
     swarm.run_for(2.0)
     first, second, goal = (swarm.brokers[name] for name in swarm.names[:3])
@@ -55,7 +55,7 @@ def test_a_route_that_leads_back_is_found_at_the_instant_of_its_change() -> None
 
 
 @pytest.mark.parametrize(("loss", "limit_s"), [(0.02, 3.0), (0.3, 6.0)])
-def test_a_boot_storm_of_16_nodes_is_over_in_seconds(loss: float, limit_s: float) -> None:
+def test_boot_storm_of_16_nodes_ends_in_seconds(loss: float, limit_s: float) -> None:
     storm = Storm(0, 16, loss=loss)
     assert not storm.is_complete()
     assert storm.converge_s() <= limit_s

@@ -95,7 +95,7 @@ LOITER_S = 60.0 if len(SEEDS) == 10 else 20.0
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_it_flies_a_square_loiters_on_its_circle_and_lands_near_its_place(seed: int) -> None:
+def test_aircraft_flies_square_loiters_and_lands_near_place(seed: int) -> None:
     found = measure(seed, LOITER_S)
     assert 85.0 < found.radius_m[0] < found.radius_m[1] < 95.0, found
     assert 38.5 < found.height_m[0] < found.height_m[1] < 41.5, found
@@ -104,7 +104,7 @@ def test_it_flies_a_square_loiters_on_its_circle_and_lands_near_its_place(seed: 
     assert found.collisions == 0, found
 
 
-def test_hold_is_a_circle_that_begins_where_it_is() -> None:
+def test_hold_is_circle_that_begins_where_it_is() -> None:
     flight = launched(2)
     flight.goal(Goal(2, GoalKind.HOLD))
     until(flight, 2, NavState.HOLDING, 10.0)
@@ -115,7 +115,7 @@ def test_hold_is_a_circle_that_begins_where_it_is() -> None:
     assert flight.truth.z_m == pytest.approx(first.z_m, abs=2.0)
 
 
-def test_without_a_velocity_the_flight_controller_alone_keeps_it_in_a_circle() -> None:
+def test_aircraft_without_velocity_stays_in_circle() -> None:
     """Without a navigator the fail-safe commands zero velocity, and the aircraft circles."""
     flight = launched(3)
     flight.commands = lambda _: Setpoint(0.0)
@@ -127,7 +127,7 @@ def test_without_a_velocity_the_flight_controller_alone_keeps_it_in_a_circle() -
     assert flight.collisions == []
 
 
-def test_steered_by_hand_it_turns_and_does_not_stall_at_a_speed_that_is_too_low() -> None:
+def test_hand_steered_aircraft_turns_without_stall() -> None:
     flight = launched(4)
     flight.commands = lambda _: Setpoint(3.0)
     flight.run(15.0)

@@ -17,7 +17,7 @@ DURATION_S = 300.0 if len(SEEDS) == 10 else 60.0
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_it_hovers_within_two_degrees_and_half_a_metre(seed: int) -> None:
+def test_vehicle_hovers_within_two_degrees(seed: int) -> None:
     found = measure("helicopter", seed, DURATION_S)
     assert found.largest_deg <= 2.0, found
     assert found.beyond_ratio <= 0.05, found
@@ -26,7 +26,7 @@ def test_it_hovers_within_two_degrees_and_half_a_metre(seed: int) -> None:
     assert found.collisions == 0, found
 
 
-def test_it_goes_to_a_place_settles_there_and_lands_softly() -> None:
+def test_helicopter_reaches_place_settles_and_lands_softly() -> None:
     flight = risen("helicopter", 2)
     flight.goal(Goal(3, GoalKind.GOTO, x_m=10.0, y_m=15.0, z_m=6.0, speed_m_s=3.0))
     flight.run_until(lambda f: f.status.goal_seq == 3 and f.status.state is NavState.ARRIVED, 40.0)

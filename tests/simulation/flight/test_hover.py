@@ -24,7 +24,7 @@ DURATION_S = 300.0 if len(SEEDS) == 20 else 60.0
 @pytest.mark.timeout(900)  # five minutes of flight are 20 s of a processor
 @pytest.mark.parametrize("seed", SEEDS)
 @AIRFRAMES
-def test_hover_stays_within_two_degrees_and_rarely_beyond_one(airframe: str, seed: int) -> None:
+def test_hover_stays_within_two_degrees(airframe: str, seed: int) -> None:
     found = measure(airframe, seed, DURATION_S)
     assert found.largest_deg <= 2.0, found
     assert found.beyond_ratio <= 0.01, found
@@ -38,7 +38,7 @@ def speed_m_s(flight: Flight) -> float:
 
 
 @AIRFRAMES
-def test_a_step_of_velocity_is_followed_without_much_overshoot_and_with_the_height(airframe: str) -> None:
+def test_velocity_step_is_followed_with_small_overshoot(airframe: str) -> None:
     flight = risen(airframe, 1)
     height_m = flight.truth.z_m
     flight.commands = lambda _: Setpoint(2.0)
@@ -94,14 +94,14 @@ def test_in_wind_with_gusts_it_keeps_its_place(airframe: str) -> None:
 
 
 @pytest.mark.parametrize("ratio", [0.0, 0.15])
-def test_wrong_echoes_of_the_sonar_do_not_move_it(ratio: float) -> None:
+def test_false_sonar_echoes_do_not_move_vehicle(ratio: float) -> None:
     sensors = SensorsConfig(sonar_outliers_ratio=ratio)
     found = measure("quad_1k5", 4, 40.0, SimConfig(sensors=sensors))
     assert found.height_m < 0.2
     assert found.largest_deg < 2.0
 
 
-def test_without_the_median_filter_the_same_echoes_would_move_it() -> None:
+def test_echoes_without_median_filter_move_vehicle() -> None:
     sensors = SensorsConfig(sonar_outliers_ratio=0.15)
     heights: list[float] = []
 
@@ -115,7 +115,7 @@ def test_without_the_median_filter_the_same_echoes_would_move_it() -> None:
     assert spread(1) > 1.5 * spread(5)
 
 
-def test_gains_change_in_flight_and_too_high_ones_make_it_oscillate() -> None:
+def test_gains_change_in_flight_and_high_ones_oscillate() -> None:
     flight = risen("quad_1k5", 5)
     flight.core.controller.set_gains({"velocity_kp_1_s": 1.0})
     tilts: list[float] = []
@@ -140,7 +140,7 @@ def test_outputs_that_stop_arriving_stop_the_motors() -> None:
     assert flight.simulation.vehicle.landed
 
 
-def test_a_kill_in_the_air_drops_it_and_it_cannot_be_armed_while_it_falls() -> None:
+def test_kill_in_air_drops_vehicle_and_prevents_arming() -> None:
     flight = risen("hexa_14k", 7)
     assert flight.order(ChassisAction.KILL) == ""
     flight.run(0.3)

@@ -71,9 +71,7 @@ def risen(airframe: str, seed: int) -> PulsedFlight:
 
 @BOTH
 @pytest.mark.parametrize("seed", seeds(1, 4))
-def test_it_takes_off_holds_goes_up_and_down_and_lands_and_the_phase_is_that_of_the_body(
-    airframe: str, seed: int
-) -> None:
+def test_vehicle_takes_off_holds_and_lands_by_phases(airframe: str, seed: int) -> None:
     flight = risen(airframe, seed)
     assert flight.phases == [MotorPhase.DISARMED, MotorPhase.GROUNDED, MotorPhase.AIRBORNE]
     places = [flight.truth]
@@ -94,7 +92,7 @@ def test_it_takes_off_holds_goes_up_and_down_and_lands_and_the_phase_is_that_of_
 
 
 @BOTH
-def test_killed_in_the_air_it_falls_and_is_armed_again_only_when_it_lies(airframe: str) -> None:
+def test_killed_vehicle_arms_again_only_on_ground(airframe: str) -> None:
     flight = risen(airframe, 7)
     assert flight.order(ChassisAction.KILL) == ""
     flight.run(0.02)
@@ -104,7 +102,7 @@ def test_killed_in_the_air_it_falls_and_is_armed_again_only_when_it_lies(airfram
     assert flight.truth.z_m == 0.0
 
 
-def test_on_the_ground_it_stays_there_until_a_climb_is_commanded() -> None:
+def test_grounded_vehicle_stays_until_climb_is_commanded() -> None:
     flight = PulsedFlight("quad_1k5", 3)
     assert "no inertial samples" in flight.order(ChassisAction.ARM)
     flight.run(2.0)
@@ -116,7 +114,7 @@ def test_on_the_ground_it_stays_there_until_a_climb_is_commanded() -> None:
     assert "no inertial samples" in flight.switch.on_order(ChassisOrder(9, ChassisAction.ARM), 10**12).refused
 
 
-def test_without_inertial_samples_the_motors_stop_when_outputs_were_held_long_enough() -> None:
+def test_motors_stop_after_held_outputs_without_inertial_samples() -> None:
     flight = risen("quad_1k5", 4)
     assert not flight.switch.stop_if_blind(flight.now_ns + 900_000_000)
     assert flight.switch.stop_if_blind(flight.now_ns + 1_100_000_000)
@@ -125,7 +123,7 @@ def test_without_inertial_samples_the_motors_stop_when_outputs_were_held_long_en
     assert flight.switch.outputs(ActuatorOutputs((0.5,), (0.2,))) == ActuatorOutputs((), (0.2,))
 
 
-def test_an_order_is_executed_once_and_what_a_driver_of_pulses_cannot_do_is_refused() -> None:
+def test_order_runs_once_and_impossible_order_is_refused() -> None:
     switch = MotorSwitch()
     calibrate = switch.on_order(ChassisOrder(5, ChassisAction.CALIBRATE), 0)
     assert "learn the widths of pulses at their power-up" in calibrate.refused
@@ -133,7 +131,7 @@ def test_an_order_is_executed_once_and_what_a_driver_of_pulses_cannot_do_is_refu
     assert "not supported by this driver" in switch.on_order(ChassisOrder(6, ChassisAction.GAINS), 0).refused
 
 
-def test_a_vehicle_that_lies_on_its_side_is_not_armed() -> None:
+def test_vehicle_on_its_side_is_not_armed() -> None:
     switch = MotorSwitch()
     lying = FlightState(1.4, 0.0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     switch.on_step(FlightSample(lying, 0.0, 0.0), 10)

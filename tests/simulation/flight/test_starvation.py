@@ -43,9 +43,7 @@ def check_flying(found: PauseFigures) -> None:
 @SEEDS
 @AIRFRAMES
 @pytest.mark.parametrize("parts", TOGETHER, ids="+".join)
-def test_pauses_up_to_half_a_second_cost_half_a_metre_and_no_motor_stops(
-    parts: tuple[str, ...], airframe: str, seed: int
-) -> None:
+def test_half_second_pause_costs_half_metre(parts: tuple[str, ...], airframe: str, seed: int) -> None:
     flight = hovering(airframe, seed, WIND[airframe])
     for longest_s in (0.15, 0.3, 0.5, 0.5):
         flight.run(flight.rng.uniform(0.0, 2.0))
@@ -59,9 +57,7 @@ def test_pauses_up_to_half_a_second_cost_half_a_metre_and_no_motor_stops(
 @SEEDS
 @AIRFRAMES
 @pytest.mark.parametrize("parts", TOGETHER, ids="+".join)
-def test_outputs_are_held_for_a_second_and_the_pause_is_an_error(
-    parts: tuple[str, ...], airframe: str, seed: int
-) -> None:
+def test_outputs_hold_for_second_and_pause_is_error(parts: tuple[str, ...], airframe: str, seed: int) -> None:
     flight = hovering(airframe, seed + 100, WIND[airframe])
     for _ in range(2):
         flight.run(flight.rng.uniform(0.0, 2.0))
@@ -75,7 +71,7 @@ def test_outputs_are_held_for_a_second_and_the_pause_is_an_error(
 @SEEDS
 @MULTIROTORS
 @pytest.mark.parametrize("parts", [parts for parts in TOGETHER if STEPS & set(parts)], ids="+".join)
-def test_then_the_motors_stop_and_a_loop_that_is_back_in_time_catches_the_vehicle(
+def test_stopped_motors_restart_when_loop_returns_in_time(
     parts: tuple[str, ...], airframe: str, seed: int
 ) -> None:
     flight = hovering(airframe, seed + 200, WIND[airframe], height_m=10.0)
@@ -88,7 +84,7 @@ def test_then_the_motors_stop_and_a_loop_that_is_back_in_time_catches_the_vehicl
 
 @SEEDS
 @AIRFRAMES
-def test_a_flight_that_was_left_for_longer_is_ended(airframe: str, seed: int) -> None:
+def test_flight_that_was_left_for_longer_is_ended(airframe: str, seed: int) -> None:
     flight = hovering(airframe, seed + 300, WIND[airframe], height_m=30.0)
     found = pause(flight, ("hal",), flight.rng.uniform(2.1, 2.4))
     assert found.motors_stopped, found
@@ -99,7 +95,7 @@ def test_a_flight_that_was_left_for_longer_is_ended(airframe: str, seed: int) ->
 
 @SEEDS
 @MULTIROTORS
-def test_a_vehicle_that_reached_the_ground_in_a_pause_does_not_rise_again(airframe: str, seed: int) -> None:
+def test_vehicle_grounded_during_pause_does_not_rise(airframe: str, seed: int) -> None:
     flight = hovering(airframe, seed + 400, WIND[airframe], height_m=1.5)
     found = pause(flight, ("hal",), 1.9)
     flight.run(10.0)
@@ -110,7 +106,7 @@ def test_a_vehicle_that_reached_the_ground_in_a_pause_does_not_rise_again(airfra
 
 @SEEDS
 @AIRFRAMES
-def test_a_flight_controller_that_was_killed_is_replaced_in_flight(airframe: str, seed: int) -> None:
+def test_killed_flight_controller_is_replaced_in_flight(airframe: str, seed: int) -> None:
     flight = hovering(airframe, seed + 500, WIND[airframe])
     for longest_s in (0.4, 0.9):
         flight.run(flight.rng.uniform(0.5, 2.0))
@@ -123,7 +119,7 @@ def test_a_flight_controller_that_was_killed_is_replaced_in_flight(airframe: str
 
 @SEEDS
 @MULTIROTORS
-def test_on_its_way_it_is_level_again_after_a_pause(airframe: str, seed: int) -> None:
+def test_moving_vehicle_is_level_after_pause(airframe: str, seed: int) -> None:
     flight = hovering(airframe, seed + 600, WIND[airframe], height_m=10.0)
     for number, (x_m, y_m) in enumerate(((20.0, 0.0), (0.0, 20.0), (-20.0, -5.0)), 3):
         flight.goal(Goal(number, GoalKind.GOTO, x_m=x_m, y_m=y_m, z_m=10.0, speed_m_s=2.0))
@@ -136,9 +132,7 @@ def test_on_its_way_it_is_level_again_after_a_pause(airframe: str, seed: int) ->
 @SEEDS
 @MULTIROTORS
 @pytest.mark.parametrize("away_s", [0.05, 0.33])
-def test_a_loop_that_is_late_again_and_again_keeps_it_in_the_air(
-    airframe: str, seed: int, away_s: float
-) -> None:
+def test_repeatedly_late_loop_keeps_vehicle_in_air(airframe: str, seed: int, away_s: float) -> None:
     """At 3 Hz a vehicle tilted by 29° and touched the ground before, and no fault said so."""
     flight = hovering(airframe, seed + 700, WIND[airframe])
     begin, tilt_deg, places = flight.truth, 0.0, list[tuple[float, float, float]]()
@@ -161,7 +155,7 @@ def test_a_loop_that_is_late_again_and_again_keeps_it_in_the_air(
     assert worst in flight.states
 
 
-def test_outputs_that_are_not_held_would_have_lost_it() -> None:
+def test_vehicle_without_held_outputs_is_lost() -> None:
     """Counter-example for the setting: the same pause with motors that stop at once."""
 
     def lost_m(held_s: float) -> float:

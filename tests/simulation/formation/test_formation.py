@@ -41,24 +41,24 @@ def test_a_swarm_of_any_size_flies_the_formation(nodes: int, seed: int) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("nodes", cases([9], [11, 12, 14, 15]))
-def test_it_does_so_with_every_other_number_of_nodes(nodes: int) -> None:
+def test_formation_forms_with_every_other_number_of_nodes(nodes: int) -> None:
     check(Flight(nodes, 101).fly())
 
 
 @pytest.mark.parametrize("seed", cases([21], [22]))
-def test_with_a_bad_radio_the_formation_is_kept_less_exactly(seed: int) -> None:
+def test_formation_over_bad_radio_is_less_exact(seed: int) -> None:
     check(Flight(10, seed, loss_ratio=0.4, delay_ns=200_000_000).fly(), mean_m=0.8, worst_m=3.0)
 
 
 @pytest.mark.parametrize("seed", cases([31], [32]))
-def test_on_computers_that_stall_for_half_a_second_nobody_is_hurt(seed: int) -> None:
+def test_formation_on_stalling_computers_stays_without_collision(seed: int) -> None:
     flight = Flight(10, seed)
     for vehicle in flight.vehicles:
         vehicle.stalls_hz = 0.2
     check(flight.fly(), mean_m=0.8, worst_m=3.0)
 
 
-def test_when_the_leader_falls_silent_all_hold_and_go_on_when_it_is_back() -> None:
+def test_formation_holds_while_its_leader_is_silent() -> None:
     flight = Flight(7, 41)
     assert flight.form()
     assert not flight.advance(limit_s=20.0)
@@ -75,7 +75,7 @@ def test_when_the_leader_falls_silent_all_hold_and_go_on_when_it_is_back() -> No
 
 
 @pytest.mark.parametrize("seed", cases([4, 17], [s for s in range(30) if s not in (4, 17)]))
-def test_with_turns_of_a_fifth_of_a_second_ground_vehicles_pass_between_the_obstacles(seed: int) -> None:
+def test_ground_vehicles_pass_between_obstacles_with_short_turns(seed: int) -> None:
     flight = LateFlight(32, seed, ("ugv1", "ugv7", "ugv9"))
     check(flight.fly(), mean_m=3.0, worst_m=15.0)
     assert flight.result.duration_s < 2 * Course(COURSE).length_m / SPEED_M_S

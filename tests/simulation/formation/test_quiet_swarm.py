@@ -114,9 +114,7 @@ class Platform:
 
 
 @pytest.mark.parametrize(("count", "seed"), [(3, 1), (6, 2)])
-def test_a_swarm_that_stands_still_is_quiet_and_its_first_motion_is_heard_at_once(
-    count: int, seed: int
-) -> None:
+def test_resting_swarm_is_quiet_until_motion(count: int, seed: int) -> None:
     air: VirtualSwarm[str] = VirtualSwarm(seed, loss=LOSS)
     names = [f"uav{index + 1}" for index in range(count)]
     platforms = []

@@ -79,7 +79,7 @@ def test_a_member_that_dies_sends_all_others_down(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", seeds(2, 10))
-def test_the_swarm_completes_its_course_without_the_ground_station(seed: int) -> None:
+def test_swarm_completes_its_course_without_ground_station(seed: int) -> None:
     ensemble = ordered(seed, World(loss=0.1))
     ensemble.at(round(ensemble.chance.uniform(3, 8) * S), lambda: ensemble.kill("gcs"))
     ensemble.run(200)
@@ -176,7 +176,7 @@ def test_random_missions_with_random_faults_never_hang(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", seeds(3, 13))
-def test_nobody_leaves_a_barrier_more_than_half_a_second_after_the_others(seed: int) -> None:
+def test_barrier_releases_all_within_half_second(seed: int) -> None:
     chance = Random(f"cut {seed}")
     ensemble = ordered(seed, World(loss=0.1), meetings=2)
     lonely = chance.choice(SIXTEEN).platform
@@ -250,7 +250,7 @@ def played(texts: list[str], roles: list[tuple[str, str, int]], seed: int) -> En
     return ensemble
 
 
-def test_ensembles_with_repeated_and_crossed_ids_hang_or_always_fail_only_if_the_check_says_so() -> None:
+def test_ensembles_hang_or_fail_only_when_check_warns() -> None:
     sound = refused = hung = failed = 0
     for seed in seeds(90, 150):
         texts, roles = wild(seed)
@@ -272,7 +272,7 @@ def test_ensembles_with_repeated_and_crossed_ids_hang_or_always_fail_only_if_the
 
 
 @pytest.mark.parametrize("seed", seeds(2, 5))
-def test_the_second_block_of_an_id_is_a_meeting_of_its_own(seed: int) -> None:
+def test_second_block_of_id_is_separate_meeting(seed: int) -> None:
     members = swarm(1, 2)
     ensemble = Ensemble(members, seed, World(loss=0.1))
     for slow, member in enumerate(members):

@@ -88,7 +88,7 @@ class Drive:
 
 @pytest.mark.parametrize("flies", [False, True], ids=["ground", "air"])
 @pytest.mark.parametrize("name", DEAD_ENDS)
-def test_a_vehicle_in_a_dead_end_plans_anew_and_arrives(name: str, flies: bool) -> None:
+def test_vehicle_in_dead_end_replans_and_arrives(name: str, flies: bool) -> None:
     drive = Drive(*DEAD_ENDS[name], flies=flies)
     status = drive.go(22.0, 0.0, 120.0)
     assert status.state is NavState.ARRIVED, (drive.drive.pose(), drive.notes(), drive.now_ns, status)
@@ -101,7 +101,7 @@ def test_a_dead_end_is_left_by_a_detour() -> None:
     assert drive.notes() == ["plans a detour", "detour"]
 
 
-def test_without_a_way_out_the_motion_fails_as_blocked() -> None:
+def test_enclosed_motion_fails_as_blocked() -> None:
     drive = Drive(*RING)
     status = drive.go(22.0, 0.0, 120.0)
     assert (status.state, status.error) == (NavState.BLOCKED, NavError.NO_WAY)
@@ -116,7 +116,7 @@ def test_a_motion_is_planned_anew_only_once() -> None:
     assert drive.now_ns < (2 * drive.config.blocked_s + 5) * 1e9
 
 
-def test_a_vehicle_that_nothing_is_in_the_way_of_is_blocked_at_once() -> None:
+def test_unobstructed_vehicle_is_blocked_at_once() -> None:
     drive = Drive((-20, -20), (-20, -19), held=True)
     status = drive.go(22.0, 0.0, 120.0)
     assert (status.state, status.error) == (NavState.BLOCKED, NavError.NO_WAY)

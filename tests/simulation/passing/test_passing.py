@@ -8,7 +8,7 @@ from tests.simulation.seeds import cases
 @pytest.mark.parametrize(
     ("seed", "speed_m_s"), [(0, 1.0), (1, 2.0), (18, 2.5), (32, 2.5), (55, 2.5), (76, 2.5), (97, 2.5)]
 )
-def test_boulders_on_the_way_are_passed_without_falling_far_behind(seed: int, speed_m_s: float) -> None:
+def test_boulders_are_passed_without_large_delay(seed: int, speed_m_s: float) -> None:
     passage = Passage(boulders(seed), seed, speed_m_s)
     passage.drive(20)
     assert passage.gap_m > 0
@@ -26,7 +26,7 @@ def test_so_are_many_others(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_what_lies_close_together_is_hit_by_nobody_and_ends_no_drive(seed: int) -> None:
+def test_close_obstacles_are_avoided_and_end_no_drive(seed: int) -> None:
     passage = Passage(rubble(seed), seed)
     passage.drive(60)
     assert passage.gap_m > 0

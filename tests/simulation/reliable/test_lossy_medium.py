@@ -48,7 +48,7 @@ def test_a_stream_and_commands_arrive_whole_and_once(
 
 @pytest.mark.parametrize("seed", seeds(1, 5))
 @pytest.mark.parametrize("stalled", [0.1, 0.5, 1.0])
-def test_a_stream_keeps_its_rate_although_both_processors_stall(seed: int, stalled: float) -> None:
+def test_stream_keeps_its_rate_although_both_processors_stall(seed: int, stalled: float) -> None:
     media = both(seed, 0.4, delay_ms=1.0)
     pair = Pair(*media, loss=0.4, stall_ms=(5.0, 100.0), stalled=stalled)
     end_ns = pair.now_ns + LASTS_S * S
@@ -63,7 +63,7 @@ def test_a_stream_keeps_its_rate_although_both_processors_stall(seed: int, stall
 
 
 @pytest.mark.parametrize("seed", seeds(1, 5))
-def test_commands_survive_ten_times_overload_of_a_slow_link(seed: int) -> None:
+def test_commands_survive_ten_times_overload_of_slow_link(seed: int) -> None:
     pair = Pair(*both(seed, 0.0, rate_bit_s=1e6, queue_bytes=32_000))
     end_ns = pair.now_ns + LASTS_S * S
     pair.every(S // 1250, end_ns, lambda: pair.send(ITEM_BYTES))
@@ -81,7 +81,7 @@ def test_commands_survive_ten_times_overload_of_a_slow_link(seed: int) -> None:
     ("loss", "delay_ms", "fall_ms"), [(0.0, 2.0, 200), (0.0, 5.0, 200), (0.1, 10.0, 350)]
 )
 @pytest.mark.parametrize("seed", seeds(1, 5))
-def test_the_queue_stays_short_on_a_link_whose_rate_falls_to_a_tenth_and_returns(
+def test_queue_stays_short_while_rate_of_link_falls(
     seed: int, loss: float, delay_ms: float, fall_ms: float
 ) -> None:
     there, back = both(seed, loss, rate_bit_s=5e6, delay_ms=delay_ms)
@@ -147,7 +147,7 @@ def test_a_message_of_four_megabytes_arrives_whole(seed: int) -> None:
     assert bytes(found.payload) == bytes(frame.payload)
 
 
-def test_after_a_cut_of_three_seconds_everything_flows_within_a_fraction_of_one() -> None:
+def test_traffic_recovers_in_fraction_of_second_after_cut() -> None:
     there, back = both(1, 0.0)
     pair = Pair(there, back)
     start_ns = pair.now_ns

@@ -46,7 +46,7 @@ def test_a_clock_step_is_noticed_and_recovered_from(delay: Delay, step_s: float)
         assert run.last_above_s(10_000) < 32.0, f"seed {seed}"
 
 
-def test_a_step_too_small_to_be_impossible_still_fades() -> None:
+def test_step_too_small_to_be_impossible_still_fades() -> None:
     run = simulate(uniform, 1, length_s=120, step_at_s=30, step_s=0.003)
     assert run.percentile_us(0.99, after_s=95) < 250
 
@@ -60,9 +60,7 @@ def test_a_step_too_small_to_be_impossible_still_fades() -> None:
     ],
     ids=["uniform 2-8 ms", "asymmetric", "wifi bursts"],
 )
-def test_after_a_step_smaller_than_the_corridor_the_bound_is_true_again_within_two_seconds(
-    delay: Delay, steps_s: tuple[float, ...]
-) -> None:
+def test_bound_is_true_soon_after_small_clock_step(delay: Delay, steps_s: tuple[float, ...]) -> None:
     for step_s in steps_s:
         for seed in range(4):
             run = simulate(delay, seed, length_s=100, step_at_s=45, step_s=step_s)
@@ -87,7 +85,7 @@ class Node:
         self.board = TimeFunctions(name, "main", 1, 0)
 
 
-def test_units_never_met_are_converted_over_their_neighbours_within_the_summed_bounds() -> None:
+def test_unmet_units_convert_over_neighbours_within_summed_bounds() -> None:
     random = Random(5)
     chain = [Node(f"n{index}", index, random) for index in range(1, 7)]
     links = [*pairwise(chain), *pairwise(chain[::-1])]
@@ -127,7 +125,7 @@ def test_units_never_met_are_converted_over_their_neighbours_within_the_summed_b
     assert not any(known.suspect for known in first.core.functions(now_ns).functions)
 
 
-def test_a_partner_that_lies_is_marked_by_the_triangles_that_do_not_close() -> None:
+def test_lying_partner_is_marked_by_open_triangles() -> None:
     now_ns = 1_000_000_000_000
 
     def function(of: int, offset_ns: int) -> Conversion:
@@ -151,7 +149,7 @@ def test_a_partner_that_lies_is_marked_by_the_triangles_that_do_not_close() -> N
 @pytest.mark.parametrize(
     ("delay", "p95_us"), [(lan, 50), (asymmetric, 300), (wifi, 300)], ids=["lan", "asymmetric", "wifi bursts"]
 )
-def test_two_packets_a_second_of_a_swarm_at_rest_are_enough(delay: Delay, p95_us: float) -> None:
+def test_two_packets_per_second_suffice_at_rest(delay: Delay, p95_us: float) -> None:
     runs = [simulate(delay, seed, length_s=150, period_s=0.5, echo_s=2.5) for seed in range(6)]
     settled = sorted(error for run in runs for at_s, error, _ in run.errors if at_s > 60)
     assert settled[int(0.95 * len(settled))] < p95_us

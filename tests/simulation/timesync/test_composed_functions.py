@@ -107,7 +107,7 @@ class Chain:
 
 
 @pytest.mark.parametrize("step_s", [5.0, -0.02])
-def test_a_function_over_relays_follows_a_step_of_the_clock_at_its_end(step_s: float) -> None:
+def test_relayed_function_follows_clock_step_at_its_end(step_s: float) -> None:
     for seed in range(2):
         chain = Chain(seed, 5)
         chain.run(70)
@@ -123,7 +123,7 @@ def test_a_function_over_relays_follows_a_step_of_the_clock_at_its_end(step_s: f
         assert chain.inside(5), f"seed {seed}"
 
 
-def test_a_function_over_relays_is_renewed_as_long_as_there_is_a_way() -> None:
+def test_relayed_function_is_renewed_while_route_exists() -> None:
     chain = Chain(3, 4)
     chain.run(60)
     for _ in range(4):
@@ -134,7 +134,7 @@ def test_a_function_over_relays_is_renewed_as_long_as_there_is_a_way() -> None:
         assert chain.inside(4)
 
 
-def test_a_measured_function_takes_the_place_of_a_composed_one_and_gives_it_back() -> None:
+def test_measured_function_replaces_composed_one_until_lost() -> None:
     chain = Chain(4, 4)
     chain.run(50)
     chain.links.add(frozenset((1, 4)))
@@ -151,7 +151,7 @@ def test_a_measured_function_takes_the_place_of_a_composed_one_and_gives_it_back
     assert chain.inside(4)
 
 
-def test_a_function_over_relays_ends_when_the_way_is_gone() -> None:
+def test_function_over_relays_ends_when_way_is_gone() -> None:
     chain = Chain(5, 5)
     chain.run(60)
     assert chain.function(5) is not None
@@ -164,7 +164,7 @@ def test_a_function_over_relays_ends_when_the_way_is_gone() -> None:
     assert third.hops == 2
 
 
-def test_the_last_neighbour_gone_silent_takes_the_composed_functions_with_it() -> None:
+def test_composed_functions_end_with_last_neighbour() -> None:
     chain = Chain(6, 3)
     chain.run(40)
     assert chain.function(3) is not None

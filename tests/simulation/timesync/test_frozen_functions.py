@@ -20,7 +20,7 @@ SEEDS = 6
     ],
     ids=["10 Hz", "16 in a cell, 2 ppm in 60 s", "5 ppm in 120 s", "2 Hz", "rare echoes"],
 )
-def test_the_true_offset_stays_inside_the_bound_of_a_function_of_any_age(
+def test_true_offset_stays_inside_bound_at_any_age(
     delay: Delay, period_s: float, echo_s: float, swing: tuple[float, float]
 ) -> None:
     outside: list[str] = []

@@ -32,7 +32,7 @@ WANTS = {"uav9": ("/*/app/*", "/*/nav/pose"), "gcs": ("/*/app/*",)}
 
 
 @pytest.mark.parametrize("patterns", [{}, WANTS])
-def test_a_second_visit_to_sixteen_nodes_costs_at_most_a_hundred_bytes(
+def test_second_visit_to_sixteen_nodes_costs_hundred_bytes(
     patterns: dict[str, tuple[str, ...]],
 ) -> None:
     swarm = cell(patterns)
@@ -62,7 +62,7 @@ def joined(swarm: Cell) -> tuple[int, int]:
     return structure, swarm.bytes["uav15"] - structure
 
 
-def test_to_join_a_swarm_of_sixteen_costs_a_kilobyte_and_the_structures() -> None:
+def test_joining_sixteen_nodes_costs_kilobyte_and_structures() -> None:
     swarm = cell({})
     structure, rest = joined(swarm)
     # each structure twice at most: for whoever came late, it is repeated
@@ -73,15 +73,13 @@ def test_to_join_a_swarm_of_sixteen_costs_a_kilobyte_and_the_structures() -> Non
 
 @pytest.mark.parametrize("seed", range(10))
 @pytest.mark.parametrize(("loss", "limit"), [(0.0, 500), (0.1, 800), (0.3, 2_600)])
-def test_a_join_is_complete_whatever_is_lost_and_cheaper_than_a_request_to_each(
-    seed: int, loss: float, limit: int
-) -> None:
+def test_join_completes_despite_loss_and_beats_single_requests(seed: int, loss: float, limit: int) -> None:
     swarm = cell({}, seed=seed, loss=loss)
     assert joined(swarm)[1] <= limit
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.3])
-def test_a_tree_that_starts_again_knows_all_structures_and_all_know_its_new_start(loss: float) -> None:
+def test_restarted_tree_knows_all_structures_and_is_known(loss: float) -> None:
     swarm = cell({}, seed=5, loss=loss)
     before = swarm.bytes["uav9"]
     swarm.restart("uav9", "multirotor", 77)
@@ -94,7 +92,7 @@ def test_a_tree_that_starts_again_knows_all_structures_and_all_know_its_new_star
 
 @pytest.mark.parametrize("former", [("uav9",), ("gcs", "ugv1", "uav15"), ("uav15",)])
 @pytest.mark.parametrize("loss", [0.0, 0.3])
-def test_nodes_of_the_former_version_join_and_are_known_to_all(former: tuple[str, ...], loss: float) -> None:
+def test_nodes_of_former_version_join_and_are_known(former: tuple[str, ...], loss: float) -> None:
     swarm = cell({}, seed=3, loss=loss, former=former)
     for name in former:
         assert swarm.frames[name] >= 15 * 4, "it asks each, and each asks it"

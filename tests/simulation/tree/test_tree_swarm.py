@@ -31,19 +31,19 @@ def story(seed: int, weather: Weather) -> list[str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
-def test_trees_of_a_hundred_moving_nodes_converge_and_no_subscription_is_lost(seed: int) -> None:
+def test_trees_of_hundred_moving_nodes_converge(seed: int) -> None:
     wrong = story(seed, Weather(field_m=FIELDS_M[seed % len(FIELDS_M)]))
     assert not wrong, wrong[:5]
 
 
 @pytest.mark.parametrize("seed", seeds(2, 6))
-def test_every_node_follows_the_whole_swarm_when_it_is_told_to(seed: int) -> None:
+def test_every_node_follows_whole_swarm_on_request(seed: int) -> None:
     wrong = story(seed, Weather(nodes=25, field_m=2700.0, whole_swarm=True))
     assert not wrong, wrong[:5]
 
 
 @pytest.mark.parametrize("seed", cases([24, 68], [55, 115, 123, 195]))
-def test_a_notification_of_a_former_start_that_comes_late_does_not_retire_the_new_one(seed: int) -> None:
+def test_late_notification_of_former_start_changes_nothing(seed: int) -> None:
     """Found by these seeds: the late one was taken for a new start, and all of the real one refused."""
     wrong = story(seed, Weather(field_m=FIELDS_M[seed % len(FIELDS_M)], late=0.1, tree_restarts=20))
     assert not wrong, wrong[:5]

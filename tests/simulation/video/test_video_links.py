@@ -15,9 +15,7 @@ def session(
 
 
 @pytest.mark.parametrize(("seed", "delay_ms"), [(1, 10.0), (2, 10.0), (3, 2.0)])
-def test_the_queue_stays_below_200_ms_on_a_link_that_falls_to_a_tenth_and_recovers(
-    seed: int, delay_ms: float
-) -> None:
+def test_queue_stays_below_200_ms_on_failing_link(seed: int, delay_ms: float) -> None:
     made = session(seed, delay_ms=delay_ms)
     made.change(10, 0.5 * MBIT)
     made.change(25, 5 * MBIT)
@@ -41,7 +39,7 @@ def test_the_queue_stays_below_200_ms_on_a_link_that_falls_to_a_tenth_and_recove
 
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("loss", [0.01, 0.05])
-def test_loss_is_told_and_a_key_frame_makes_the_picture_whole_again(loss: float, seed: int) -> None:
+def test_reported_loss_is_repaired_by_key_frame(loss: float, seed: int) -> None:
     made = session(seed, loss=loss)
     made.run(20)
     counters = made.receiver.counters
@@ -56,7 +54,7 @@ def test_loss_is_told_and_a_key_frame_makes_the_picture_whole_again(loss: float,
     assert made.mean_bit_s(10, 20) > 0.5 * MBIT
 
 
-def test_a_pinned_rate_stays_and_what_the_link_does_not_carry_is_skipped() -> None:
+def test_pinned_rate_stays_and_excess_is_skipped() -> None:
     made = session(1, rate_bit_s=0.5 * MBIT, pinned=True)
     made.run(10)
     assert made.mean_bit_s(0, 10) == 4 * MBIT
@@ -64,14 +62,14 @@ def test_a_pinned_rate_stays_and_what_the_link_does_not_carry_is_skipped() -> No
     assert made.queueing_ms(3, 10)[-1] < 200, "the window holds also then"
 
 
-def test_a_standard_receiver_gets_a_rate_by_loss_and_round_trip() -> None:
+def test_standard_receiver_gets_rate_by_loss() -> None:
     made = session(1, rate_bit_s=0.8 * MBIT, reports_arrivals=False)
     made.run(30)
     assert 0.3 * MBIT < made.mean_bit_s(15, 30) < 0.9 * MBIT
     assert share(made.queueing_ms(15, 30), 0.95) < 500
 
 
-def test_after_a_cut_the_video_goes_on_with_a_key_frame() -> None:
+def test_video_continues_with_key_frame_after_cut() -> None:
     made = session(1)
     made.time.at(S + 10 * S, lambda: setattr(made.there, "is_cut", True))
     made.time.at(S + 16 * S, lambda: setattr(made.there, "is_cut", False))

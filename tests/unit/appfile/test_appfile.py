@@ -64,7 +64,7 @@ def test_the_table_shows_the_living_only(tmp_path: Path) -> None:
     assert changes == [1, 2, 3]
 
 
-def test_a_node_is_populated_while_an_application_holds_its_file(tmp_path: Path) -> None:
+def test_node_is_populated_while_application_holds_its_file(tmp_path: Path) -> None:
     assert not populated(tmp_path)
     app = join(tmp_path, "a")
     (tmp_path / "apps/folder.toml").mkdir()
@@ -121,7 +121,7 @@ def described(run_dir: Path, path: str) -> AppEntry:
     return app.entry
 
 
-def test_a_table_for_messages_has_what_they_need_and_is_completed_on_demand(tmp_path: Path) -> None:
+def test_message_table_is_sufficient_and_completed_on_demand(tmp_path: Path) -> None:
     written = described(tmp_path, "cmd/goto")
     table = AppTable(tmp_path, whole=False)
     table.refresh()
@@ -135,7 +135,7 @@ def test_a_table_for_messages_has_what_they_need_and_is_completed_on_demand(tmp_
     assert table.version == version, "it was complete"
 
 
-def test_a_table_for_messages_reads_the_whole_file_where_its_served_paths_are_tables(tmp_path: Path) -> None:
+def test_message_table_reads_whole_file_of_served_tables(tmp_path: Path) -> None:
     written = described(tmp_path, "cmd/" + "a" * 100)
     assert b"[[serves]]" in (tmp_path / "apps/planner#1.toml").read_bytes()
     table = AppTable(tmp_path, whole=False)
@@ -144,14 +144,14 @@ def test_a_table_for_messages_reads_the_whole_file_where_its_served_paths_are_ta
 
 
 @pytest.mark.parametrize("value", ['"""\n[[a]]\n"""', "[\n[1], # ]\n[2]]", "'''\n[b]'''"])
-def test_a_line_of_a_value_is_not_taken_for_a_table(value: str) -> None:
+def test_line_of_value_is_not_taken_for_table(value: str) -> None:
     whole = AppEntry(name="a", instance=1, pid=2, pid_start=3, endpoint="ipc://x", started_ns=4)
     text = f"more = {value}\n{entry.encode(whole).decode().rpartition('# crc32')[0]}"
     data = f"{text}# crc32 {zlib.crc32(text.encode()):08x}\n".encode()
     assert entry.decode(data, "x", whole=False) == entry.decode(data, "x") == whole
 
 
-def test_a_file_that_is_being_written_is_read_later(tmp_path: Path) -> None:
+def test_file_that_is_being_written_is_read_later(tmp_path: Path) -> None:
     app = join(tmp_path, "a")
     table = AppTable(tmp_path)
     table.refresh()
@@ -166,7 +166,7 @@ def test_a_file_that_is_being_written_is_read_later(tmp_path: Path) -> None:
 
 
 @given(st.binary(max_size=400))
-def test_any_bytes_are_an_entry_or_a_wire_error(data: bytes) -> None:
+def test_any_bytes_are_entry_or_wire_error(data: bytes) -> None:
     with pytest.raises(WireError):
         entry.decode(data, "x")
 

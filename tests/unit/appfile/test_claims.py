@@ -78,7 +78,7 @@ def test_many_claims_of_one_application_are_one_line() -> None:
     assert claims.of_path("survey/plan") is not None
 
 
-def test_a_claim_that_was_known_stands_against_a_stated_older_start() -> None:
+def test_known_claim_prevails_over_stated_older_start() -> None:
     first = app("b", MEMBER, "survey/plan", started_ns=50)
     before = AddressClaims([first])
     rival = app("a", OTHER, "survey/plan", started_ns=1)
@@ -89,7 +89,7 @@ def test_a_claim_that_was_known_stands_against_a_stated_older_start() -> None:
     assert claims.of_path("survey/plan") == (rival.entry, rival.entry.serves[0])
 
 
-def test_the_number_of_an_application_of_the_node_is_not_taken_by_a_member(
+def test_member_does_not_take_number_of_application(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(AppEntry, "app_id", 5)  # two names with one number
@@ -102,7 +102,7 @@ def test_the_number_of_an_application_of_the_node_is_not_taken_by_a_member(
         assert claims.endpoints == {5: "ipc:///tree"}
 
 
-def test_the_number_of_an_address_of_the_node_is_not_taken_by_a_member(
+def test_member_does_not_take_number_of_address(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(Served, "data_id", 9)

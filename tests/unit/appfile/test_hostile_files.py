@@ -38,7 +38,7 @@ HOSTILE = [os.mkfifo, folder, full_folder, link, listener, sparse]
 
 
 @pytest.mark.parametrize("make", HOSTILE)
-def test_a_file_that_is_none_is_left_out_and_named(
+def test_invalid_file_is_left_out_and_named(
     tmp_path: Path, tree: AppFile, make: Callable[[Path], None]
 ) -> None:
     strange = tmp_path / "apps/a#1.toml"
@@ -68,9 +68,7 @@ def test_an_application_takes_its_place(tmp_path: Path, make: Callable[[Path], N
 
 
 @pytest.mark.parametrize("make", HOSTILE)
-def test_the_trace_of_a_dead_application_is_read_and_made_over_anything(
-    tmp_path: Path, make: Callable[[Path], None]
-) -> None:
+def test_trace_of_dead_application_is_read_and_replaced(tmp_path: Path, make: Callable[[Path], None]) -> None:
     app = join(tmp_path, "planner")
     aside = app.path.with_suffix(".dead")
     make(aside)
@@ -89,7 +87,7 @@ def write_locked(path: Path, data: bytes) -> int:
 
 
 @pytest.mark.parametrize("claimed", [("tree", 1), ("tool", 2), ("tree", 0)])
-def test_a_file_that_states_another_application_is_left_out(
+def test_file_that_states_another_application_is_left_out(
     tmp_path: Path, tree: AppFile, claimed: tuple[str, int]
 ) -> None:
     name, instance = claimed
@@ -106,9 +104,7 @@ def rejections(table: AppTable) -> list[str]:
     return list(table.rejections)
 
 
-def test_a_damaged_file_is_named_when_it_stays_and_read_when_it_is_complete(
-    tmp_path: Path, tree: AppFile
-) -> None:
+def test_damaged_file_is_named_and_completed_file_read(tmp_path: Path, tree: AppFile) -> None:
     entry = msgspec.structs.replace(tree.entry, name="tool")
     data = encode(entry)
     fd = write_locked(tmp_path / "apps/tool#1.toml", data[:-3])
@@ -128,9 +124,7 @@ def test_a_damaged_file_is_named_when_it_stays_and_read_when_it_is_complete(
     os.close(fd)
 
 
-def test_an_application_of_too_many_resources_is_refused_by_its_own_process(
-    tmp_path: Path, tree: AppFile
-) -> None:
+def test_application_with_too_many_resources_is_refused(tmp_path: Path, tree: AppFile) -> None:
     before = tree.path.read_bytes()
     large: AppEntry = msgspec.structs.replace(tree.entry, types={"Big": "x" * FILE_LIMIT})
     with pytest.raises(OutOfRange, match=f"expected at most {FILE_LIMIT}"):
@@ -138,7 +132,7 @@ def test_an_application_of_too_many_resources_is_refused_by_its_own_process(
     assert tree.path.read_bytes() == before
 
 
-def test_an_application_that_leaves_keeps_the_file_of_its_successor(tmp_path: Path) -> None:
+def test_application_that_leaves_keeps_file_of_its_successor(tmp_path: Path) -> None:
     first = join(tmp_path, "tree")
     first.path.unlink()
     second = join(tmp_path, "tree")

@@ -26,7 +26,7 @@ def test_one_that_takes_its_file_away_has_left(tmp_path: Path) -> None:
     assert last_of(tmp_path, "guard") is None
 
 
-def test_one_that_could_not_has_died_before_and_after_the_master_tidied(tmp_path: Path) -> None:
+def test_process_died_before_and_after_master_tidied(tmp_path: Path) -> None:
     app = join(tmp_path)
     end_of_process(app)
     assert died(tmp_path, app.entry)
@@ -48,7 +48,7 @@ def test_the_next_of_the_name_removes_the_trace(tmp_path: Path) -> None:
     assert list((tmp_path / "apps").iterdir()) == []
 
 
-def test_what_runs_or_is_being_started_is_not_started_again(tmp_path: Path) -> None:
+def test_running_or_starting_process_is_not_started_again(tmp_path: Path) -> None:
     app = join(tmp_path)
     assert spawn_missing("guard", tmp_path, tmp_path) is None
     app.close()
@@ -57,7 +57,7 @@ def test_what_runs_or_is_being_started_is_not_started_again(tmp_path: Path) -> N
     assert spawn_missing("guard", tmp_path, tmp_path) is None
 
 
-def test_a_file_that_a_living_application_cannot_read_does_not_hide_the_others(tmp_path: Path) -> None:
+def test_unreadable_file_of_application_hides_no_others(tmp_path: Path) -> None:
     app = join(tmp_path)
     nested = tmp_path / "apps" / "planner#1.toml"
     with nested.open("w") as held:

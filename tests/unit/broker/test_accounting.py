@@ -35,7 +35,7 @@ def note(*items: TreeItem, kind: FrameKind = FrameKind.NOTIFY) -> Frame:
     return Frame(kind, NOTIFY_ID, payload=registry.encode(TreeNotify("uav1", 1, 1, items)))
 
 
-def test_a_notification_is_counted_by_its_resources_and_their_values() -> None:
+def test_notification_is_counted_by_resources_and_values() -> None:
     frame = note(
         TreeItem("nav/goal", 1, FrameKind.BOARD, 1, 0, bytes(100)),
         TreeItem("sensor/lidar", 2, FrameKind.STREAM, 1, 0, bytes(1206)),
@@ -48,7 +48,7 @@ def test_a_notification_is_counted_by_its_resources_and_their_values() -> None:
     assert values_in(frame) == 3
 
 
-def test_former_values_of_boards_are_counted_with_their_boards() -> None:
+def test_former_board_values_are_counted_with_boards() -> None:
     live = note(TreeItem("nav/goal", 1, FrameKind.BOARD, 1, 0, bytes(100)))
     former = msgspec.structs.replace(live, kind=FrameKind.FILE)
     assert shares(former, PATHS.get) == shares(live, PATHS.get)
@@ -56,7 +56,7 @@ def test_former_values_of_boards_are_counted_with_their_boards() -> None:
     assert values_in(former) == 1
 
 
-def test_each_item_of_a_container_counts_also_when_it_is_damaged() -> None:
+def test_each_container_item_counts_even_when_damaged() -> None:
     packed = pack(bytes(5000), Compression(Method.ZLIB, 6), items=26)
     kind, damaged = FrameKind.STREAM, b"\1\1\0\xff".ljust(30)
     for data, count in (
@@ -75,7 +75,7 @@ def test_each_item_of_a_container_counts_also_when_it_is_damaged() -> None:
         assert values_in(frame) == count + 1
 
 
-def test_messages_are_counted_by_path_where_it_is_known_and_by_kind_elsewhere() -> None:
+def test_messages_are_counted_by_path_or_kind() -> None:
     assert shares(Frame(FrameKind.MESSAGE, 5, payload=b"12"), PATHS.get) == [("cmd/goto", 2)]
     assert shares(Frame(FrameKind.REPLY, 5, payload=b"12"), PATHS.get) == [("cmd/goto", 2)]
     assert shares(Frame(FrameKind.REQUEST, 6, payload=b"12"), PATHS.get) == [("request", 2)]
@@ -98,7 +98,7 @@ def test_any_payload_is_counted_whole(kind: FrameKind, data_id: int, payload: by
     assert values_in(frame) >= 0
 
 
-def test_a_table_of_counters_stays_as_it_was_made() -> None:
+def test_table_of_counters_stays_as_it_was_made() -> None:
     counters = Counters()
     counters.datagram_sent(100, "uav2")
     counters.channel("nav/pose").sent(24)
@@ -115,7 +115,7 @@ def test_a_table_of_counters_stays_as_it_was_made() -> None:
     )
 
 
-def test_a_queued_frame_is_counted_where_its_address_is_known_by_the_time_it_leaves() -> None:
+def test_queued_frame_is_counted_when_it_leaves() -> None:
     paths, counters = Paths(), Counters()
     accounts, frame = FrameAccounts(counters, paths), Frame(FrameKind.MESSAGE, 6, payload=b"12")
     assert accounts.channels(frame) == [(counters.channel("message"), 2)]
@@ -130,7 +130,7 @@ def question(sequence: int = 1) -> Frame:
     return Frame(FrameKind.MESSAGE, 5, 1, 11, 2, 0, sequence, payload=b"12")
 
 
-def test_a_message_is_offered_once_repeated_when_sent_again_and_delivered_by_its_first_answer() -> None:
+def test_message_is_offered_repeated_and_delivered_once() -> None:
     counters = Counters()
     accounts = FrameAccounts(counters, Paths())
     accounts.offered(question(), first=True)
@@ -143,7 +143,7 @@ def test_a_message_is_offered_once_repeated_when_sent_again_and_delivered_by_its
     assert found.delivered_frames == 1
 
 
-def test_a_refused_message_is_not_delivered_and_a_reply_delivers_its_request() -> None:
+def test_refused_message_is_not_delivered_but_reply_delivers() -> None:
     counters = Counters()
     accounts = FrameAccounts(counters, Paths())
     for sequence in (1, 2, 3):

@@ -31,9 +31,7 @@ from swarmware.model.config import load_service
         ),
     ],
 )
-def test_an_address_that_is_not_of_ipv4_is_refused_with_these_words(
-    tmp_path: Path, line: str, message: str
-) -> None:
+def test_address_outside_ipv4_is_refused_with_message(tmp_path: Path, line: str, message: str) -> None:
     (tmp_path / "services").mkdir()
     (tmp_path / "services/broker.toml").write_text(line)
     with pytest.raises(ConfigError) as refused:
@@ -46,7 +44,7 @@ def test_seeds_are_host_and_port() -> None:
     assert Config(seeds=("gcs.local:7447", "10.0.0.1:1")).seeds == ("gcs.local:7447", "10.0.0.1:1")
 
 
-def test_an_address_of_this_computer_is_there_and_one_of_another_is_missing() -> None:
+def test_own_address_is_found_and_foreign_is_missing() -> None:
     assert PinnedAddresses(Config(bind_address="127.0.0.1", multicast_interface="lo")).missing() == ""
     assert PinnedAddresses(Config()).missing() == ""
     gone = PinnedAddresses(
@@ -58,7 +56,7 @@ def test_an_address_of_this_computer_is_there_and_one_of_another_is_missing() ->
     )
 
 
-def test_an_address_that_leaves_is_named_with_the_interface_that_had_it(
+def test_departing_address_is_named_with_its_interface(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     pinned = PinnedAddresses(Config(bind_address="127.0.0.1"))

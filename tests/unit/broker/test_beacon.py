@@ -120,13 +120,13 @@ def test_the_clear_header_comes_back_with_its_length(header: Header) -> None:
 
 
 @given(st.binary(max_size=400))
-def test_any_bytes_are_a_beacon_or_a_wire_error(data: bytes) -> None:
+def test_any_bytes_are_beacon_or_wire_error(data: bytes) -> None:
     with contextlib.suppress(WireError):
         codec.decode(data)
 
 
 @given(BEACONS, st.data())
-def test_a_damaged_beacon_is_a_beacon_or_a_wire_error(beacon: Beacon, data: st.DataObject) -> None:
+def test_damaged_beacon_is_beacon_or_wire_error(beacon: Beacon, data: st.DataObject) -> None:
     body = bytearray(codec.encode(beacon))
     for _ in range(data.draw(st.integers(1, 4))):
         body[data.draw(st.integers(0, len(body) - 1))] = data.draw(U8)
@@ -135,7 +135,7 @@ def test_a_damaged_beacon_is_a_beacon_or_a_wire_error(beacon: Beacon, data: st.D
 
 
 @given(BEACONS)
-def test_a_beacon_cut_short_anywhere_is_a_wire_error(beacon: Beacon) -> None:
+def test_beacon_cut_short_anywhere_is_wire_error(beacon: Beacon) -> None:
     body = codec.encode(beacon)
     parts = [
         body_bytes(len(beacon.checks)),
@@ -157,19 +157,19 @@ def test_a_beacon_cut_short_anywhere_is_a_wire_error(beacon: Beacon) -> None:
 
 
 @given(st.binary(max_size=40))
-def test_any_bytes_are_a_header_or_a_wire_error(data: bytes) -> None:
+def test_any_bytes_are_header_or_wire_error(data: bytes) -> None:
     with contextlib.suppress(WireError):
         codec.decode_header(data)
 
 
-def test_the_header_is_the_one_of_the_protocol_page() -> None:
+def test_header_is_one_of_protocol_page() -> None:
     short = codec.encode_header(Header(5, 0x11223344, 0x55667788, 0x99AABBCC))
     assert short == bytes.fromhex("54 25 44332211 88776655 ccbbaa99")
     long = codec.encode_header(Header(5, 0x11223344, 0x55667788, 0x99AABBCC, 0x0102030405060708))
     assert long == bytes.fromhex("54 35 44332211 88776655 ccbbaa99 0807060504030201")
 
 
-def test_the_body_is_the_one_of_the_protocol_page() -> None:
+def test_body_is_one_of_protocol_page() -> None:
     hello = Hello(
         0x0102030405060708, 2, 7447, 0xAABBCCDD, 0x11223344, PlatformCode.UGV, "ugv1", b"", 450, 2000
     )
@@ -200,7 +200,7 @@ def test_the_body_is_the_one_of_the_protocol_page() -> None:
     )
 
 
-def test_a_long_value_has_its_length_in_two_bytes() -> None:
+def test_long_value_has_its_length_in_two_bytes() -> None:
     for length in (126, 127, 128, 1100):
         beacon = Beacon(values=(BoardValue(1, 0, True, bytes(length)),))
         assert len(codec.encode(beacon)) == 2 + codec.value_bytes(bytes(length))
@@ -214,7 +214,7 @@ def test_parts_of_a_later_version_are_skipped() -> None:
     assert codec.decode(bytes(body)) == Beacon(rows=(RouteRow(1, 2, 3),))
 
 
-def test_the_parts_about_structures_are_those_of_the_protocol_page() -> None:
+def test_parts_about_structures_are_those_of_protocol_page() -> None:
     part = StructurePart(0x01020304, 0x1112131415161718, 0x2122232425262728, b"changes")
     head = bytes.fromhex("04 1b00 04030201 1817161514131211 2827262524232221")
     assert encode_structure(part) == head + b"changes"
@@ -252,12 +252,12 @@ def test_a_version_two_steps_ahead_is_refused(version: int) -> None:
     ("age_us", "read_us"),
     [(-5, 0), (99, 0), (100, 100), (3_276_700, 3_276_700), (3_276_800, 3_200_000), (10**10, 3_276_700_000)],
 )
-def test_ages_are_fine_when_young_and_coarse_when_old(age_us: int, read_us: int) -> None:
+def test_young_ages_are_fine_and_old_coarse(age_us: int, read_us: int) -> None:
     assert decode_age(encode_age(age_us)) == read_us
 
 
 @given(BEACONS, st.integers(0, 5000))
-def test_echoes_are_shifted_in_place_when_a_beacon_leaves_late(beacon: Beacon, late_us: int) -> None:
+def test_echoes_shift_when_beacon_leaves_late(beacon: Beacon, late_us: int) -> None:
     body = bytearray(codec.encode(beacon))
     codec.shift_echoes(body, late_us)
     after = codec.decode(bytes(body))
@@ -273,7 +273,7 @@ def _rest(beacon: Beacon) -> Sequence[object]:
 
 
 @pytest.mark.parametrize("hops", [0, HOPS_MAX + 1, 255])
-def test_a_relayed_value_that_came_over_no_hop_or_too_many_is_refused(hops: int) -> None:
+def test_relayed_value_with_invalid_hops_is_refused(hops: int) -> None:
     body = codec.encode(Beacon(relays=(RelayedValue(1, 2, 3, 0, hops, False, b"x"),)))
     with pytest.raises(WireError, match=f"a relayed value of {hops} hops: expected 1 to {HOPS_MAX}"):
         codec.decode(body)
@@ -288,7 +288,7 @@ def test_a_relayed_value_that_came_over_no_hop_or_too_many_is_refused(hops: int)
         Beacon(relays=(RelayedValue(1, 2, 3, 4, 5, False, bytes(70_000)),)),
     ],
 )
-def test_a_beacon_that_fits_no_datagram_is_a_wire_error(beacon: Beacon) -> None:
+def test_beacon_that_fits_no_datagram_is_wire_error(beacon: Beacon) -> None:
     with pytest.raises(WireError, match="cannot be encoded"):
         codec.encode(beacon)
 

@@ -109,7 +109,7 @@ def test_the_first_datagram_says_name_and_session(one: Node, other: Node) -> Non
     assert one.compose(2 * SECOND).with_session
 
 
-def test_names_are_repeated_sooner_while_links_change_and_after_a_new_tree(one: Node, other: Node) -> None:
+def test_names_are_repeated_sooner_after_link_changes(one: Node, other: Node) -> None:
     def hellos(start_ns: int) -> list[int]:
         times_ns = range(start_ns, start_ns + 5 * SECOND, PERIOD)
         return [at_ns - start_ns for at_ns in times_ns if one.compose(at_ns).with_session]
@@ -122,7 +122,7 @@ def test_names_are_repeated_sooner_while_links_change_and_after_a_new_tree(one: 
     assert len(hellos(21 * SECOND)) >= 4, "a link came up"
 
 
-def test_the_first_hello_of_a_neighbour_is_reported_once(one: Node, other: Node) -> None:
+def test_first_hello_of_neighbour_is_reported_once(one: Node, other: Node) -> None:
     assert [received.first_hello for received in one.transmit(0, other)] == [True]
     one.protocol.hellos.schedule()
     assert [received.first_hello for received in one.transmit(PERIOD, other)] == [False]
@@ -137,13 +137,13 @@ def test_three_datagrams_bring_two_nodes_together(one: Node, other: Node) -> Non
     assert one.protocol.topology.routing.next_hop(other.hw) == other.hw
 
 
-def test_who_has_another_name_than_its_number_is_refused(one: Node, other: Node) -> None:
+def test_name_that_contradicts_number_is_refused(one: Node, other: Node) -> None:
     one.hw += 1
     assert one.transmit(0, other) == []
     assert other.counters.refused.malformed == 1
 
 
-def test_a_subscribed_value_arrives_with_the_stamp_of_its_clock(one: Node, other: Node) -> None:
+def test_subscribed_value_arrives_with_stamp_of_its_clock(one: Node, other: Node) -> None:
     meet(one, other)
     other.protocol.set_plan(TreePlan(1, offers=(OFFER,)))
     one.protocol.set_plan(TreePlan(1, wants=(want := BoardSubscription("uav2", "nav/pose", "Pose", POSE),)))
@@ -156,7 +156,7 @@ def test_a_subscribed_value_arrives_with_the_stamp_of_its_clock(one: Node, other
     assert other.counters.channel("nav/pose").sent_frames == 1
 
 
-def test_a_value_is_delivered_from_the_cache_when_a_subscription_begins(one: Node, other: Node) -> None:
+def test_value_is_delivered_from_cache_when_subscription_begins(one: Node, other: Node) -> None:
     meet(one, other)
     other.protocol.set_plan(TreePlan(1, offers=(OFFER,)))
     other.put(b"here", 450 * MS)
@@ -176,7 +176,7 @@ def test_a_node_without_subscribers_sends_beacons_slowly(one: Node) -> None:
     assert one.protocol.beacon_hz() == 2.0
 
 
-def test_an_idle_node_sends_beacons_faster_while_links_come_and_go(one: Node, other: Node) -> None:
+def test_idle_node_sends_faster_during_link_changes(one: Node, other: Node) -> None:
     assert one.protocol.beacon_hz() == 2.0
     meet(one, other)
     assert one.protocol.beacon_hz() == 5.0
@@ -194,7 +194,7 @@ def test_an_idle_node_sends_beacons_faster_while_links_come_and_go(one: Node, ot
     assert one.protocol.beacon_hz() == 5.0
 
 
-def test_a_hello_says_how_long_the_next_datagrams_may_take(one: Node, other: Node) -> None:
+def test_hello_says_how_long_next_datagrams_may_take(one: Node, other: Node) -> None:
     meet(one, other)
     [neighbour] = other.protocol.topology.neighbours.all()
     assert neighbour.period_ns == 500 * MS
@@ -210,7 +210,7 @@ def test_a_hello_says_how_long_the_next_datagrams_may_take(one: Node, other: Nod
     one.protocol.set_plan(TreePlan(0))
 
 
-def test_a_restarted_node_names_its_session_in_each_of_ten_beacons_a_second() -> None:
+def test_restarted_node_names_its_session_in_beacons() -> None:
     again = Node("uav1", session=2)
     again.protocol.topology = Topology(again.hw, 200, SECOND, quiet_until_ns=2 * SECOND)
     again.protocol.advance(0)
@@ -235,7 +235,7 @@ def told(node: Node, other: Node, beacons: range, payload: bytes | None = None) 
     return found
 
 
-def test_no_beacon_is_skipped_while_a_clock_is_new(one: Node, other: Node) -> None:
+def test_no_beacon_is_skipped_while_clock_is_new(one: Node, other: Node) -> None:
     meet(one, other)
     one.protocol.set_plan(TreePlan(0, offers=(OFFER,)))
     one.put(b"parked", 0)
@@ -253,9 +253,7 @@ def test_boards_that_do_not_change_need_no_beacon(one: Node, other: Node) -> Non
     assert not one.protocol.may_skip(244 * PERIOD)
 
 
-def test_a_board_written_again_with_the_same_value_needs_no_beacon_but_its_newest_stamp_is_sent(
-    one: Node, other: Node
-) -> None:
+def test_unchanged_board_needs_no_beacon_but_newest_stamp(one: Node, other: Node) -> None:
     meet(one, other)
     one.protocol.set_plan(TreePlan(0, offers=(OFFER,)))
     told(one, other, range(204, 210), b"parked")
@@ -264,7 +262,7 @@ def test_a_board_written_again_with_the_same_value_needs_no_beacon_but_its_newes
     assert all(beacon.values[0].age_us == 0 for _, beacon in quiet)
 
 
-def test_a_changed_value_is_sent_in_three_beacons_in_a_row(one: Node, other: Node) -> None:
+def test_changed_value_is_sent_in_three_beacons(one: Node, other: Node) -> None:
     meet(one, other)
     one.protocol.set_plan(TreePlan(0, offers=(OFFER,)))
     told(one, other, range(204, 221), b"parked")
@@ -273,7 +271,7 @@ def test_a_changed_value_is_sent_in_three_beacons_in_a_row(one: Node, other: Nod
     assert at[3:] == []
 
 
-def test_a_board_of_a_slow_rate_waits_for_the_next_beacon(one: Node, other: Node) -> None:
+def test_board_of_slow_rate_waits_for_next_beacon(one: Node, other: Node) -> None:
     meet(one, other)
     one.protocol.set_plan(TreePlan(0, offers=(msgspec.structs.replace(OFFER, min_interval_ms=1000),)))
     told(one, other, range(204, 220))
@@ -282,7 +280,7 @@ def test_a_board_of_a_slow_rate_waits_for_the_next_beacon(one: Node, other: Node
     assert len(at) == 1
 
 
-def test_a_new_mission_is_said_at_once_by_a_node_at_rest(one: Node, other: Node) -> None:
+def test_resting_node_sends_new_mission_at_once(one: Node, other: Node) -> None:
     meet(one, other)
     one.protocol.set_plan(TreePlan(0, offers=(OFFER,)))
     [*_, (last_ns, _)] = told(one, other, range(204, 230), b"parked")
@@ -291,7 +289,7 @@ def test_a_new_mission_is_said_at_once_by_a_node_at_rest(one: Node, other: Node)
     assert not one.protocol.may_skip(last_ns + PERIOD)
 
 
-def test_who_passes_on_boards_at_rest_is_quiet_and_passes_on_a_change_at_once() -> None:
+def test_resting_relay_is_quiet_and_passes_changes() -> None:
     left, middle, right = Node("uav1"), Node("uav2"), Node("uav3")
     left.protocol.set_plan(TreePlan(0, offers=(OFFER,)))
     right.protocol.set_plan(TreePlan(0, wants=(BoardSubscription("uav1", "nav/pose", "Pose", POSE),)))
@@ -316,7 +314,7 @@ def test_who_passes_on_boards_at_rest_is_quiet_and_passes_on_a_change_at_once() 
     assert max(b - a for (a, _), (b, _) in pairwise(arrived[-12:])) <= 8, "its age stays young"
 
 
-def test_a_limit_of_a_channel_holds_from_the_next_beacon(one: Node, other: Node) -> None:
+def test_limit_of_channel_holds_from_next_beacon(one: Node, other: Node) -> None:
     one.protocol.set_plan(TreePlan(1, offers=(OFFER,)))
     one.put(b"x", 0)
     one.protocol.channels.set(SetChannel("nav/*", ChannelSettings(0.0)), 0)
@@ -353,9 +351,7 @@ def test_names_and_trees_go_over_the_next_hop(one: Node, other: Node) -> None:
     assert far.protocol.topology.routing.next_hop(one.hw) == other.hw
 
 
-def test_names_are_repeated_for_a_new_neighbour_unless_others_connect_it_already(
-    one: Node, other: Node
-) -> None:
+def test_names_are_repeated_for_unconnected_new_neighbour(one: Node, other: Node) -> None:
     relay, far, first, new = Node("uav3"), Node("uav4"), Node("uav5"), Node("uav6")
     meet(relay, far)
     for at_ns in range(400 * MS, 1200 * MS, PERIOD):  # a line: far, relay, one, and other next to the relay
@@ -378,7 +374,7 @@ def test_names_are_repeated_for_a_new_neighbour_unless_others_connect_it_already
     assert repeated(new, 2000 * MS) >= {"uav4"}
 
 
-def test_who_is_not_the_next_hop_changes_no_tree(one: Node, other: Node) -> None:
+def test_node_beside_route_changes_no_tree(one: Node, other: Node) -> None:
     meet(one, other)
     row = MemberRow(other.hw, 99, PlatformCode.UAV, "uav2")
     liar = hardware_id("uav9")
@@ -388,7 +384,7 @@ def test_who_is_not_the_next_hop_changes_no_tree(one: Node, other: Node) -> None
     assert member.tree_version != 99
 
 
-def test_boards_are_passed_on_to_those_who_do_not_hear_their_origin(one: Node, other: Node) -> None:
+def test_boards_are_relayed_where_origin_is_not_received(one: Node, other: Node) -> None:
     far = Node("uav3")
     meet(one, other)
     meet(other, far, now_ns=3 * PERIOD)
@@ -419,7 +415,7 @@ def test_a_restarted_neighbour_is_met_anew(one: Node, other: Node) -> None:
     assert one.protocol.topology.routing.next_hop(other.hw) == other.hw
 
 
-def test_a_body_stays_within_its_limit_however_much_there_is_to_say(one: Node, other: Node) -> None:
+def test_body_stays_within_its_limit(one: Node, other: Node) -> None:
     meet(one, other)
     offers = tuple(BoardPublication(f"a/b{index}", index + 1, "Float") for index in range(200))
     one.protocol.set_plan(TreePlan(1, offers=offers))
@@ -436,7 +432,7 @@ def test_a_body_stays_within_its_limit_however_much_there_is_to_say(one: Node, o
     assert len(sent) == 200
 
 
-def test_what_a_beacon_leaves_of_the_relay_budget_is_for_the_next_one(one: Node, other: Node) -> None:
+def test_unused_relay_budget_is_left_to_next_beacon(one: Node, other: Node) -> None:
     meet(one, other)
     start_ns, relays = 10 * PERIOD, 0
     one.transmit(start_ns, other)

@@ -42,7 +42,7 @@ def test_beacons_are_spread_by_chance(chance: float, spread: float) -> None:
     assert schedule.due_ns == round(PERIOD * spread)
 
 
-def test_a_late_beacon_does_not_make_the_next_ones_early() -> None:
+def test_late_beacon_does_not_make_next_ones_early() -> None:
     schedule = BeaconSchedule(0, lambda: 0.5)
     schedule.set_next(10 * SECOND, PERIOD)
     assert schedule.due_ns == 10 * SECOND
@@ -58,7 +58,7 @@ def test_what_cannot_wait_leaves_soon() -> None:
     assert not schedule.trigger(PERIOD + 1, 1_000_000), "it is due earlier already"
 
 
-def test_a_node_with_nothing_to_say_looks_at_multiples_of_the_period_and_still_sends_by_chance() -> None:
+def test_idle_node_checks_periodically_and_sends_at_random() -> None:
     chances = iter([0.5, 0.9, 0.5, 0.1, 0.5, 0.7] * 10)
     schedule = BeaconSchedule(3 * MS, lambda: next(chances))
     looks, sent = [], []
@@ -79,7 +79,7 @@ def test_a_node_with_nothing_to_say_looks_at_multiples_of_the_period_and_still_s
     assert {(after - before) // PERIOD for before, after in pairwise(sent[1:])} <= {4, 5}
 
 
-def test_a_node_that_has_something_to_say_again_is_spread_by_chance_after_one_beacon() -> None:
+def test_node_with_news_is_spread_after_one_beacon() -> None:
     schedule = BeaconSchedule(0, lambda: 0.8)
     schedule.skip(0, PERIOD)
     sent: list[int] = []
@@ -94,7 +94,7 @@ def test_a_node_that_has_something_to_say_again_is_spread_by_chance_after_one_be
     assert gaps[-1] == round(PERIOD * (1 + 0.6 * JITTER))
 
 
-def test_no_number_of_events_makes_a_node_send_more_than_the_air_allows() -> None:
+def test_events_never_exceed_rate_of_air() -> None:
     schedule = BeaconSchedule(0, lambda: 0.0)
     gap_ns = round(1e9 / allowed_hz(299, 600))
     period_ns = 2 * gap_ns
@@ -133,9 +133,7 @@ def judge(slowdown: Slowdown, late_ms: float, period_ms: float, times: int = 1) 
         (150, 500, 1.5),
     ],
 )
-def test_beacons_that_begin_late_are_slowed_by_how_late_they_are(
-    late_ms: float, period_ms: float, factor: float
-) -> None:
+def test_late_beacons_slow_down_by_their_lateness(late_ms: float, period_ms: float, factor: float) -> None:
     assert judge(Slowdown(), late_ms, period_ms) == pytest.approx(factor)
 
 
@@ -146,14 +144,14 @@ def test_single_stalls_slow_nothing_down() -> None:
     assert (slowdown.factor, slowdown.delayed_beacons) == (1.0, 0)
 
 
-def test_an_overloaded_processor_slows_beacons_down_to_a_limit_and_each_is_counted() -> None:
+def test_overloaded_processor_slows_beacons_and_counts_them() -> None:
     slowdown = Slowdown()
     assert judge(slowdown, 90, 100, times=9) == SLOWDOWN_MAX
     assert slowdown.delayed_beacons == 8 * 9
     assert slowdown.late_ns == 90 * MS
 
 
-def test_a_node_that_is_far_behind_slows_down_after_three_beacons() -> None:
+def test_very_late_node_slows_after_three_beacons() -> None:
     slowdown = Slowdown()
     for late_ms in (0, 400, 101, 900):
         assert slowdown.factor == 1.0
@@ -162,7 +160,7 @@ def test_a_node_that_is_far_behind_slows_down_after_three_beacons() -> None:
     assert slowdown.late_ns == 400 * MS
 
 
-def test_what_was_slowed_comes_back_in_steps_when_the_faster_rate_would_be_calm() -> None:
+def test_slowed_rate_returns_in_steps_when_calm() -> None:
     slowdown = Slowdown()
     judge(slowdown, 40, 100)
     assert slowdown.factor == 2.0
@@ -173,7 +171,7 @@ def test_what_was_slowed_comes_back_in_steps_when_the_faster_rate_would_be_calm(
     assert not slowdown.on_beacon(0, PERIOD)
 
 
-def test_a_node_that_was_slowed_as_far_as_can_be_is_at_its_rate_again_within_ten_seconds() -> None:
+def test_most_slowed_node_recovers_within_ten_seconds() -> None:
     slowdown = Slowdown()
     judge(slowdown, 300, 100)
     judge(slowdown, 300, 400)
@@ -187,7 +185,7 @@ def test_a_node_that_was_slowed_as_far_as_can_be_is_at_its_rate_again_within_ten
     assert now_ns < 12 * SECOND
 
 
-def test_a_node_that_is_short_at_its_full_rate_does_not_swing() -> None:
+def test_node_short_at_full_rate_does_not_swing() -> None:
     """Beacons begin late while the period is below twice the wanted one."""
     slowdown = Slowdown()
     short = 0
@@ -214,7 +212,7 @@ def test_a_stretched_period_is_declared_before_links_fall() -> None:
     assert protocol.beacon_hz() == IDLE_HZ / SLOWDOWN_MAX
 
 
-def test_the_rate_falls_after_the_longer_period_was_declared_often_enough() -> None:
+def test_rate_falls_after_declaring_longer_period() -> None:
     rate = QuietRate()
     assert rate.hz() == IDLE_HZ, "a node that was never faster has nothing to declare"
     rate.on_change()

@@ -70,7 +70,7 @@ class Shell:
         )
 
 
-async def test_a_datagram_on_which_our_code_fails_is_counted_and_the_next_one_is_taken(
+async def test_datagram_that_raises_is_counted_and_next_taken(
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     shell = Shell()
@@ -86,7 +86,7 @@ async def test_a_datagram_on_which_our_code_fails_is_counted_and_the_next_one_is
     shell.media.close()
 
 
-async def test_a_beacon_that_cannot_be_composed_is_counted_and_the_next_one_leaves(
+async def test_failed_beacon_is_counted_and_next_leaves(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     shell = Shell()
@@ -104,7 +104,7 @@ async def test_a_beacon_that_cannot_be_composed_is_counted_and_the_next_one_leav
     shell.media.close()
 
 
-async def test_a_beacon_in_the_own_name_with_a_number_that_was_not_used_is_reported() -> None:
+async def test_forged_own_beacon_with_unused_number_is_reported() -> None:
     shell = Shell()
     shell.core.on_timer(0)
     shell.datagrams.send_beacon(0)

@@ -57,7 +57,7 @@ def after_the_rise(routing: RoutingTable, risen_ns: int) -> tuple[NeighbourReque
 # the node that asks
 
 
-def test_a_much_better_route_that_is_not_feasible_is_requested_of_its_neighbour(
+def test_better_infeasible_route_is_requested_of_neighbour(
     routing: RoutingTable,
 ) -> None:
     advertised(routing, 4000)
@@ -67,13 +67,13 @@ def test_a_much_better_route_that_is_not_feasible_is_requested_of_its_neighbour(
     assert routing.on_rows(B, [(FAR, 8, 1000)], 2) == [RouteChanged(FAR, B)], "the answer"
 
 
-def test_a_route_that_is_hardly_better_is_not_requested(routing: RoutingTable) -> None:
+def test_route_that_is_hardly_better_is_not_requested(routing: RoutingTable) -> None:
     advertised(routing, 4000)
     routing.on_rows(B, [(FAR, 6, 3500)], 1)
     assert routing.neighbour_requests() == ()
 
 
-def test_a_route_that_is_better_by_less_than_a_hop_is_not_requested(routing: RoutingTable) -> None:
+def test_slightly_better_route_is_not_requested(routing: RoutingTable) -> None:
     advertised(routing, 300)
     routing.on_rows(B, [(FAR, 6, 100)], 1)
     assert routing.neighbour_requests() == ()
@@ -88,7 +88,7 @@ def test_the_same_destination_is_requested_now_and_then(routing: RoutingTable) -
     assert len(routing.neighbour_requests()) == 1
 
 
-def test_a_route_that_becomes_worse_requests_the_best_of_the_others(routing: RoutingTable) -> None:
+def test_route_that_becomes_worse_requests_best_of_others(routing: RoutingTable) -> None:
     advertised(routing, 256)
     routing.on_rows(B, [(FAR, 6, 900)], 1)
     routing.on_rows(C, [(FAR, 6, 700)], 1)
@@ -98,7 +98,7 @@ def test_a_route_that_becomes_worse_requests_the_best_of_the_others(routing: Rou
     assert after_the_rise(routing, 2) == (NeighbourRequest(C, FAR, 8, REQUEST_HOPS),)
 
 
-def test_a_neighbour_whose_route_leads_back_is_not_asked(routing: RoutingTable) -> None:
+def test_neighbour_whose_route_leads_back_is_not_asked(routing: RoutingTable) -> None:
     advertised(routing, 256)
     routing.on_rows(B, [(FAR, 6, 900)], 1)
     routing.on_rows(C, [(FAR, 7, 768)], 1)  # over this node
@@ -117,7 +117,7 @@ def test_where_the_metric_fell_again_nobody_is_asked(routing: RoutingTable) -> N
     assert after_the_rise(routing, 2) == ()
 
 
-def test_a_route_that_was_lost_since_its_rise_is_not_sought_of_one_neighbour(routing: RoutingTable) -> None:
+def test_route_lost_since_rise_is_not_requested(routing: RoutingTable) -> None:
     advertised(routing, 256)
     routing.set_link(A, 8192)
     routing.worsen(A, 2)
@@ -127,7 +127,7 @@ def test_a_route_that_was_lost_since_its_rise_is_not_sought_of_one_neighbour(rou
     assert after_the_rise(routing, 2) == ()
 
 
-def test_another_neighbour_is_asked_sooner_than_the_same_one_again(routing: RoutingTable) -> None:
+def test_another_neighbour_is_asked_before_same_again(routing: RoutingTable) -> None:
     advertised(routing, 4000)
     routing.on_rows(B, [(FAR, 6, 1000)], 0)
     routing.on_rows(C, [(FAR, 6, 500)], SEEK_OTHER_NS - 1)
@@ -150,7 +150,7 @@ def test_a_beacon_has_a_limit_of_requests(routing: RoutingTable) -> None:
 # the node that is asked
 
 
-def test_who_has_a_newer_row_answers_with_its_next_beacon(routing: RoutingTable) -> None:
+def test_node_with_newer_row_answers_in_next_beacon(routing: RoutingTable) -> None:
     advertised(routing, 256)
     routing.on_rows(A, [(FAR, 9, 256)], 1)
     assert row(routing, 2) is None
@@ -160,7 +160,7 @@ def test_who_has_a_newer_row_answers_with_its_next_beacon(routing: RoutingTable)
     assert row(routing, 5) is None, "once: the other asks again if it was lost"
 
 
-def test_who_has_none_asks_its_own_next_hop_and_passes_the_answer_on(routing: RoutingTable) -> None:
+def test_node_without_row_asks_next_hop_and_relays(routing: RoutingTable) -> None:
     advertised(routing, 256)
     routing.on_neighbour_requests(B, [NeighbourRequest(ME, FAR, 8, 24)], 1)
     assert routing.neighbour_requests() == (NeighbourRequest(A, FAR, 8, 23),)
@@ -196,7 +196,7 @@ def test_a_request_that_leads_nowhere_is_not_forwarded(
     assert routing.neighbour_requests() == ()
 
 
-def test_no_request_travels_farther_than_the_limit_of_hops(routing: RoutingTable) -> None:
+def test_no_request_travels_farther_than_limit_of_hops(routing: RoutingTable) -> None:
     advertised(routing, 256)
     routing.on_neighbour_requests(B, [NeighbourRequest(ME, FAR, 8, 255)], 1)
     assert routing.neighbour_requests() == (NeighbourRequest(A, FAR, 8, REQUEST_HOPS),)
@@ -209,7 +209,7 @@ def test_the_destination_itself_raises_its_number(routing: RoutingTable) -> None
     assert routing.requested_sequence == 5
 
 
-def test_requests_of_who_has_no_link_are_not_taken() -> None:
+def test_requests_of_unlinked_nodes_are_ignored() -> None:
     topology = Topology(ME, 100, SECOND, -1)
     hello = Hello(1, 0, 1, 1, 0, PlatformCode.UAV, "uav2")
     beacon = Beacon(hello, neighbour_requests=(NeighbourRequest(ME, ME, 5000, 24),))
@@ -222,7 +222,7 @@ def test_requests_of_who_has_no_link_are_not_taken() -> None:
 # numbers that are held
 
 
-def test_a_route_that_became_much_worse_keeps_its_number_so_that_others_become_feasible(
+def test_worsened_route_keeps_number_for_feasible_others(
     routing: RoutingTable,
 ) -> None:
     advertised(routing, 256)
@@ -234,7 +234,7 @@ def test_a_route_that_became_much_worse_keeps_its_number_so_that_others_become_f
     assert row(routing, 5 * SECOND) == RouteRow(FAR, 20, 1256)
 
 
-def test_a_number_is_held_for_seconds_and_then_rises(routing: RoutingTable) -> None:
+def test_number_is_held_for_seconds_and_then_rises(routing: RoutingTable) -> None:
     advertised(routing, 256)
     routing.set_link(A, 8192)
     routing.worsen(A, 1)
@@ -246,7 +246,7 @@ def test_a_number_is_held_for_seconds_and_then_rises(routing: RoutingTable) -> N
     assert row(routing, 2 * HELD_NS) == RouteRow(FAR, 99, 8448)
 
 
-def test_a_little_worse_is_advertised_with_the_newest_number(routing: RoutingTable) -> None:
+def test_little_worse_is_advertised_with_newest_number(routing: RoutingTable) -> None:
     advertised(routing, 1000)
     assert not is_much_worse(1800, 1256)
     routing.on_rows(A, [(FAR, 40, 1544)], 2)
@@ -264,7 +264,7 @@ def test_a_rise_by_half_is_advertised_at_once(routing: RoutingTable) -> None:
     assert row(routing, 4) == RouteRow(FAR, 9, 6256)
 
 
-def test_another_next_hop_that_is_worse_by_half_waits(routing: RoutingTable) -> None:
+def test_much_worse_next_hop_waits(routing: RoutingTable) -> None:
     advertised(routing, 4000 - 256)
     routing.on_rows(B, [(FAR, 8, 6000)], 1)
     assert routing.drop_link(A, 2) == [RouteChanged(FAR, B)]
@@ -288,7 +288,7 @@ def test_requests_to_one_neighbour_share_its_address() -> None:
 
 
 @pytest.mark.parametrize("cut", [1, 6, 8, 11])
-def test_a_part_that_ends_within_a_request_is_refused(cut: int) -> None:
+def test_part_that_ends_within_request_is_refused(cut: int) -> None:
     body = bytearray(codec.encode(Beacon(neighbour_requests=(NeighbourRequest(A, FAR, 8, 24),))))
     del body[-cut:]
     body[2] -= cut

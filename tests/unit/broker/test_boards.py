@@ -54,14 +54,14 @@ def test_a_board_without_a_value_is_not_sent(published: PublishedBoards) -> None
     assert sent(published, 0) == []
 
 
-def test_a_value_is_sent_once_with_its_age_and_again_after_a_second(published: PublishedBoards) -> None:
+def test_value_is_sent_with_age_and_repeated(published: PublishedBoards) -> None:
     published.boards[POSE].put(b"here", True, 10 * MS)
     [value] = published.values(30 * MS, 1000, PERIOD)
     assert (value.data_id, value.age_us, value.packed, value.payload) == (POSE, 20_000, True, b"here")
     assert [sent(published, 30 * MS + slot * PERIOD) for slot in range(1, 12)].count([POSE]) == 1
 
 
-def test_a_changing_value_is_sent_in_every_beacon_or_as_often_as_its_interval_allows(
+def test_changing_value_is_sent_at_its_interval(
     published: PublishedBoards,
 ) -> None:
     counts = {POSE: 0, BATTERY: 0}
@@ -74,7 +74,7 @@ def test_a_changing_value_is_sent_in_every_beacon_or_as_often_as_its_interval_al
     assert counts == {POSE: 100, BATTERY: 10}
 
 
-def test_values_that_a_limit_keeps_from_being_sent_are_counted_and_no_others(
+def test_only_values_withheld_by_limit_are_counted(
     published: PublishedBoards,
 ) -> None:
     pose, battery = published.boards[POSE], published.boards[BATTERY]
@@ -90,7 +90,7 @@ def test_values_that_a_limit_keeps_from_being_sent_are_counted_and_no_others(
     assert pose.held_back == 5
 
 
-def test_whoever_waited_longest_goes_first_when_there_is_little_room() -> None:
+def test_longest_waiting_value_goes_first_when_short() -> None:
     published = PublishedBoards()
     offers = [BoardPublication(f"a/{index}", index, "Float") for index in range(6)]
     published.offer(offers, lambda _: None)
@@ -102,24 +102,20 @@ def test_whoever_waited_longest_goes_first_when_there_is_little_room() -> None:
     assert [order.count(index) for index in range(6)] == [4] * 6
 
 
-def test_a_value_that_does_not_fit_leaves_its_room_to_others(published: PublishedBoards) -> None:
+def test_oversized_value_leaves_its_room_to_others(published: PublishedBoards) -> None:
     published.boards[POSE].put(bytes(900), True, 0)
     published.boards[BATTERY].put(b"low", False, 0)
     assert sent(published, 0, room=500) == [BATTERY]
     assert sent(published, PERIOD, room=1000) == [POSE]
 
 
-def test_a_board_that_is_offered_no_more_is_not_sent(
-    published: PublishedBoards, channels: ChannelTable
-) -> None:
+def test_board_no_longer_offered_is_not_sent(published: PublishedBoards, channels: ChannelTable) -> None:
     published.boards[POSE].put(b"x", True, 0)
     published.offer(OFFERS[1:], channels.board_max_hz)
     assert sent(published, 0) == []
 
 
-def test_a_channel_limits_the_rate_and_gives_it_back(
-    published: PublishedBoards, channels: ChannelTable
-) -> None:
+def test_channel_limits_rate_and_gives_it_back(published: PublishedBoards, channels: ChannelTable) -> None:
     def rate_hz(start_ns: int) -> int:
         published.offer(OFFERS, channels.board_max_hz)
         count = 0
@@ -201,7 +197,7 @@ def told(cache: RelayCache, now_ms: int, room: int = 1000, common: frozenset[int
     return [r.stamp_us // 1000 for r in cache.compose(now_ms * MS, room, common, lambda *_: True)]
 
 
-def test_a_newer_value_is_taken_an_older_or_the_same_is_not() -> None:
+def test_newer_value_is_taken_and_older_ignored() -> None:
     cache = RelayCache()
     assert heard(cache, 1000) is not None
     assert heard(cache, 1100) is not None
@@ -212,7 +208,7 @@ def test_a_newer_value_is_taken_an_older_or_the_same_is_not() -> None:
     assert cache.late == 1
 
 
-def test_rounded_ages_do_not_make_an_old_value_new() -> None:
+def test_rounded_ages_do_not_make_old_value_new() -> None:
     cache = RelayCache()
     heard(cache, 1000, payload=b"same")
     assert cache.on_value(UAV2, UAV2, POSE, 1_000_150, 0, 1, True, b"same", SECOND) is None
@@ -222,7 +218,7 @@ def test_rounded_ages_do_not_make_an_old_value_new() -> None:
     assert cache.on_value(UAV2, UAV2, BATTERY, 1_090_000, old_us, 1, True, b"same", SECOND) is None
 
 
-def test_an_origin_whose_clock_starts_anew_is_believed_after_a_while() -> None:
+def test_origin_with_restarted_clock_is_accepted_later() -> None:
     cache = RelayCache()
     heard(cache, 100_000)
     assert heard(cache, 10, now_ms=101_000) is None
@@ -236,7 +232,7 @@ def test_a_restarted_neighbour_is_believed_at_once() -> None:
     assert heard(cache, 10, now_ms=100_100) is not None
 
 
-def test_a_value_is_passed_on_once_with_what_it_aged_meanwhile() -> None:
+def test_value_is_relayed_once_with_its_age() -> None:
     cache = RelayCache()
     heard(cache, 1000, now_ms=1005, age_ms=5)
     [relay] = cache.compose(1045 * MS, 1000, NOBODY, lambda *_: True)
@@ -246,9 +242,7 @@ def test_a_value_is_passed_on_once_with_what_it_aged_meanwhile() -> None:
 
 
 @pytest.mark.parametrize(("hops", "beacons"), [(1, 100), (2, 60), (4, 30)])
-def test_values_from_far_are_passed_on_less_often_with_the_period_in_the_mean(
-    hops: int, beacons: int
-) -> None:
+def test_distant_values_are_relayed_less_often(hops: int, beacons: int) -> None:
     cache = RelayCache()
     told_ns: list[int] = []
     for slot in range(beacons):
@@ -259,7 +253,7 @@ def test_values_from_far_are_passed_on_less_often_with_the_period_in_the_mean(
     assert mean_ns == pytest.approx(PERIOD_NS + FURTHER_NS * (hops - 1), rel=0.05)
 
 
-def test_what_all_neighbours_hear_themselves_is_not_passed_on() -> None:
+def test_value_received_by_all_neighbours_is_not_relayed() -> None:
     cache = RelayCache()
     heard(cache, 1000)
     assert told(cache, 1000, common=frozenset((UAV2,))) == []
@@ -279,7 +273,7 @@ def test_what_no_neighbour_lacks_is_not_passed_on() -> None:
     assert asked == [(UAV2, {UAV2, UAV3})]
 
 
-def test_what_another_node_relayed_to_all_that_need_it_waits_as_if_it_were_the_own_relay() -> None:
+def test_value_relayed_by_another_waits_like_own() -> None:
     cache = RelayCache()
     told_ms: list[int] = []
     for now_ms in range(1000, 1400, 20):
@@ -292,7 +286,7 @@ def test_what_another_node_relayed_to_all_that_need_it_waits_as_if_it_were_the_o
     assert told_ms[0] == 1160, "130 ms after the other one"
 
 
-def test_a_relay_by_a_node_that_is_nearer_to_the_origin_does_not_count_as_the_own_one() -> None:
+def test_relay_nearer_to_origin_does_not_count() -> None:
     cache = RelayCache()
     heard(cache, 1000, sender=UAV3, hops=3)
     heard(cache, 1000, sender=UAV4, hops=2, now_ms=1010)
@@ -300,7 +294,7 @@ def test_a_relay_by_a_node_that_is_nearer_to_the_origin_does_not_count_as_the_ow
     assert told(cache, 1030) == [1000]
 
 
-def test_a_value_that_still_holds_is_passed_on_again_each_second() -> None:
+def test_valid_value_is_relayed_again_each_second() -> None:
     cache = RelayCache()
     counts = 0
     for slot in range(50):
@@ -310,13 +304,13 @@ def test_a_value_that_still_holds_is_passed_on_again_each_second() -> None:
     assert counts == 5
 
 
-def test_a_value_that_nobody_confirms_is_passed_on_no_more() -> None:
+def test_unconfirmed_value_is_no_longer_relayed() -> None:
     cache = RelayCache()
     heard(cache, 1000)
     assert told(cache, 1000 + OLDEST_NS // MS + 1) == []
 
 
-def test_relays_stay_within_their_budget_the_longest_waiting_first() -> None:
+def test_relays_stay_within_their_budget_longest_waiting_first() -> None:
     cache = RelayCache()
     said: list[int] = []
     for slot in range(21):
@@ -328,7 +322,7 @@ def test_relays_stay_within_their_budget_the_longest_waiting_first() -> None:
     assert [said.count(data_id) for data_id in range(6)] == [7] * 6
 
 
-def test_where_there_is_little_room_near_values_go_first_and_far_ones_are_not_forgotten() -> None:
+def test_near_values_go_first_without_forgetting_far() -> None:
     cache = RelayCache()
     said: list[int] = []
     for slot in range(60):
@@ -340,7 +334,7 @@ def test_where_there_is_little_room_near_values_go_first_and_far_ones_are_not_fo
     assert counts[2] >= 2
 
 
-def test_what_was_not_heard_for_a_minute_is_forgotten() -> None:
+def test_entry_silent_for_minute_is_forgotten() -> None:
     cache = RelayCache()
     heard(cache, 1000)
     assert cache.newest(UAV2, POSE) is not None

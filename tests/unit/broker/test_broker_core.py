@@ -37,7 +37,7 @@ def up(node: BrokerNode) -> list[str]:
     ]
 
 
-def test_two_nodes_ask_for_each_others_session_and_are_up_within_a_second() -> None:
+def test_two_nodes_are_up_after_session_exchange() -> None:
     air, one, other = pair()
     air.run_for(1.0)
     assert up(one) == ["uav2"]
@@ -47,7 +47,7 @@ def test_two_nodes_ask_for_each_others_session_and_are_up_within_a_second() -> N
 
 
 @pytest.mark.parametrize("hundredths", range(0, 60, 7))
-def test_a_node_at_rest_that_ends_is_missed_after_1_3_s_at_most(hundredths: int) -> None:
+def test_resting_node_that_ended_is_missed_soon(hundredths: int) -> None:
     air, one, other = pair(hundredths)
     air.run_for(20.0 + hundredths / 100)
     other.stop()
@@ -57,7 +57,7 @@ def test_a_node_at_rest_that_ends_is_missed_after_1_3_s_at_most(hundredths: int)
     assert up(one) == []
 
 
-def test_what_is_due_is_judged_only_after_the_inputs_were_read() -> None:
+def test_deadlines_are_judged_after_reading_inputs() -> None:
     air, one, other = pair()
     air.run_for(2.0)
     other.stop()
@@ -70,9 +70,7 @@ def test_what_is_due_is_judged_only_after_the_inputs_were_read() -> None:
 
 
 @pytest.mark.parametrize(("late_s", "period_ms"), [(0.05, 500), (2.0, 800)])
-def test_a_node_that_was_late_declares_how_late_its_next_beacons_may_be(
-    late_s: float, period_ms: int
-) -> None:
+def test_late_node_declares_lateness_of_next_beacons(late_s: float, period_ms: int) -> None:
     air, one, _ = pair()
     air.run_for(30.0)
     due_ns = one.core.deadline_ns()
@@ -84,7 +82,7 @@ def test_a_node_that_was_late_declares_how_late_its_next_beacons_may_be(
     assert {hello.period_ms for hello in declared if hello is not None} == {period_ms}
 
 
-def test_a_beacon_leaves_only_with_boards_that_were_read_for_it() -> None:
+def test_beacon_leaves_only_with_boards_read_for_it() -> None:
     air, one, _ = pair()
     air.run_for(2.0)
     due_ns = one.core.deadline_ns()
@@ -100,7 +98,7 @@ def test_a_beacon_leaves_only_with_boards_that_were_read_for_it() -> None:
     assert [*due, one.core.beacon_due] == [False, True, False]
 
 
-def test_tables_are_published_each_second_and_at_once_after_a_change() -> None:
+def test_tables_are_published_each_second_and_after_change() -> None:
     air, one, other = pair()
     air.run_for(10.0)
     one.actions.clear()
@@ -113,7 +111,7 @@ def test_tables_are_published_each_second_and_at_once_after_a_change() -> None:
     assert PublishTables(traffic=False) in one.actions
 
 
-def test_clock_samples_are_handed_on_with_the_own_beacon() -> None:
+def test_clock_samples_are_handed_on_with_own_beacon() -> None:
     air, one, _ = pair()
     air.run_for(3.0)
     found = one.of(WriteClockSamples)
@@ -122,7 +120,7 @@ def test_clock_samples_are_handed_on_with_the_own_beacon() -> None:
     assert len(found) <= one.sent
 
 
-def test_clock_samples_of_settled_links_are_handed_on_in_batches_and_none_is_missing() -> None:
+def test_clock_samples_are_batched_and_complete() -> None:
     air, one, other = pair()
     air.run_for(20.0)
     one.actions.clear()
@@ -134,7 +132,7 @@ def test_clock_samples_of_settled_links_are_handed_on_in_batches_and_none_is_mis
     assert samples == pytest.approx(other.sent - sent, abs=3)
 
 
-def test_a_plan_keeps_its_mirrors_and_brings_values_that_are_known_already() -> None:
+def test_new_plan_keeps_mirrors_and_known_values() -> None:
     air, one, other = pair()
     other.core.on_plan(TreePlan(1, (OFFER,)), air.now_ns)
     other.core.published.boards[POSE].put(b"x" * 25, True, air.now_ns)
@@ -146,7 +144,7 @@ def test_a_plan_keeps_its_mirrors_and_brings_values_that_are_known_already() -> 
     assert [(which, value.payload) for which, value in written.values] == [(want, b"x" * 25)]
 
 
-def test_a_name_that_two_computers_use_is_reported_until_one_is_silent() -> None:
+def test_duplicate_name_is_reported_until_one_is_silent() -> None:
     air, one, other = pair()
     air.run_for(2.0)
     copy = BrokerNode(air, "copy", VirtualClock(air), session=2)

@@ -53,7 +53,7 @@ def settings(table: ChannelTable, path: str, link: str = "", now_ns: int = 0) ->
     return settings_of(table.limits(now_ns).limits, path, link)
 
 
-def test_each_setting_is_that_of_the_first_rule_that_has_it(table: ChannelTable) -> None:
+def test_each_setting_comes_from_first_matching_rule(table: ChannelTable) -> None:
     assert settings(table, "sensor/lidar", "gcs") == ChannelSettings(
         10.0, compression="zlib:6", priority=ChannelPriority.LOW
     )
@@ -65,14 +65,14 @@ def test_each_setting_is_that_of_the_first_rule_that_has_it(table: ChannelTable)
     )
 
 
-def test_a_rule_for_links_does_not_hold_for_what_goes_to_all(table: ChannelTable) -> None:
+def test_link_rule_does_not_hold_for_broadcasts(table: ChannelTable) -> None:
     assert settings(table, "sensor/lidar").max_hz is None
     assert table.max_hz("sensor/lidar") is None
     table.set(SetChannel("sensor/lidar", ChannelSettings(1.0)), 0)
     assert table.max_hz("sensor/lidar") == 1.0
 
 
-def test_a_change_keeps_the_other_settings_of_the_rule_and_may_take_one_out(table: ChannelTable) -> None:
+def test_change_keeps_other_settings_of_rule(table: ChannelTable) -> None:
     table.set(SetChannel("nav/*", ChannelSettings(5.0)), 0)
     table.set(SetChannel("nav/*", ChannelSettings(compression="zstd:1")), 0)
     assert settings(table, "nav/pose").max_hz == 5.0
@@ -96,7 +96,7 @@ def test_a_change_keeps_the_other_settings_of_the_rule_and_may_take_one_out(tabl
         (("zmq", "zlib:6"), (None, "zstd:1"), (), ("zmq", "zstd:1")),
     ],
 )
-def test_images_are_a_video_no_longer_when_their_protocol_or_their_compression_is_changed(
+def test_images_leave_video_when_protocol_or_compression_changes(
     table: ChannelTable,
     before: tuple[str | None, str | None],
     change: tuple[str | None, str | None],
@@ -112,7 +112,7 @@ def test_images_are_a_video_no_longer_when_their_protocol_or_their_compression_i
     found.check()
 
 
-def test_a_request_without_settings_removes_the_rule_of_this_pattern_and_link(table: ChannelTable) -> None:
+def test_request_without_settings_removes_its_rule(table: ChannelTable) -> None:
     table.set(SetChannel("nav/*", ChannelSettings(5.0)), 0)
     table.set(SetChannel("nav/*", ChannelSettings(1.0), link="gcs"), 0)
     table.set(SetChannel("nav/*"), 0)
@@ -120,12 +120,12 @@ def test_a_request_without_settings_removes_the_rule_of_this_pattern_and_link(ta
     assert settings(table, "nav/pose", "gcs").max_hz == 1.0
 
 
-def test_the_rate_max_lifts_a_limit_of_the_file(table: ChannelTable) -> None:
+def test_rate_max_lifts_limit_of_file(table: ChannelTable) -> None:
     table.set(SetChannel("sensor/**", ChannelSettings(RATE_MAX_HZ)), 0)
     assert settings(table, "sensor/lidar", "gcs").max_hz == RATE_MAX_HZ
 
 
-def test_a_rate_that_is_set_takes_the_place_of_one_that_follows_the_link(table: ChannelTable) -> None:
+def test_set_rate_replaces_rate_of_link(table: ChannelTable) -> None:
     auto = ChannelSettings(RATE_MAX_HZ, adaptive=True)
     table.set(SetChannel("sensor/**", auto), 0)
     assert settings(table, "sensor/lidar").adaptive
@@ -146,7 +146,7 @@ def test_a_rate_that_is_set_takes_the_place_of_one_that_follows_the_link(table: 
     assert settings(table, "sensor/sonar").compression == "zlib:1"
 
 
-def test_a_rate_that_follows_the_link_has_a_limit_or_none() -> None:
+def test_rate_following_link_may_have_limit() -> None:
     with pytest.raises(InvalidInput, match="adaptive without max_hz"):
         ChannelSettings(adaptive=True).check()
 
@@ -183,14 +183,14 @@ def test_changes_are_taken_back_one_after_the_other(table: ChannelTable) -> None
         table.undo(0)
 
 
-def test_a_change_of_which_the_time_is_over_does_not_return(table: ChannelTable) -> None:
+def test_expired_change_does_not_return(table: ChannelTable) -> None:
     table.set(SetChannel("nav/*", ChannelSettings(1.0), for_s=1.0), 0)
     table.set(SetChannel("power/*", ChannelSettings(1.0)), 0)
     table.undo(2 * S)
     assert table.limits(2 * S).limits == FILE
 
 
-def test_only_what_is_still_in_force_is_taken_back(table: ChannelTable) -> None:
+def test_only_changes_in_force_are_undone(table: ChannelTable) -> None:
     table.set(SetChannel("nav/*", ChannelSettings(5.0)), 0)
     table.set(SetChannel("nav/*", ChannelSettings(1.0), for_s=1.0), 0)
     table.undo(2 * S)
@@ -210,7 +210,7 @@ def test_only_the_last_changes_can_be_taken_back(table: ChannelTable) -> None:
         table.undo(0)
 
 
-def test_rules_are_removed_by_their_pattern_and_a_wrong_one_is_named(table: ChannelTable) -> None:
+def test_rules_are_removed_by_pattern_or_named(table: ChannelTable) -> None:
     table.set(SetChannel("nav/*", ChannelSettings(5.0)), 0)
     table.set(SetChannel("nav/*", ChannelSettings(5.0), link="gcs"), 0)
     table.set(SetChannel("power/*", ChannelSettings(5.0)), 0)
@@ -247,7 +247,7 @@ def test_rules_are_removed_by_their_pattern_and_a_wrong_one_is_named(table: Chan
         (SetChannel("**", unset=("color",)), InvalidInput, "color"),
     ],
 )
-def test_what_makes_no_sense_is_refused_and_changes_nothing(
+def test_senseless_setting_is_refused_and_changes_nothing(
     table: ChannelTable, request_: SetChannel, error: type[Exception], reason: str
 ) -> None:
     with pytest.raises(error, match=reason):
@@ -285,7 +285,7 @@ def test_the_number_of_rules_is_bounded(table: ChannelTable) -> None:
         (GOTO, ChannelSettings(RATE_MAX_HZ, adaptive=True), "", "each message is delivered"),
     ],
 )
-def test_what_cannot_hold_for_a_resource_is_refused_with_the_reason(
+def test_impossible_setting_of_resource_is_refused_with_reason(
     resource: Resource, change: ChannelSettings, link: str, reason: str
 ) -> None:
     with pytest.raises(InvalidInput, match=f"{resource.path} \\(.*{reason}"):
@@ -314,19 +314,19 @@ def test_what_can_hold_is_accepted(resource: Resource, change: ChannelSettings, 
     assert refusals(SetChannel(resource.path, change, link=link), [resource]) == ()
 
 
-def test_a_board_that_a_rule_has_taken_out_of_the_beacons_has_links() -> None:
+def test_board_outside_beacons_has_links() -> None:
     present = [ChannelLimit("nav/*", ChannelSettings(protocol=ChannelProtocol.ZMQ))]
     assert refusals(SetChannel("nav/pose", ChannelSettings(1.0), link="gcs"), [POSE], present) == ()
 
 
-def test_of_a_pattern_the_resources_that_it_can_hold_for_decide_and_commands_are_not_listed() -> None:
+def test_pattern_is_judged_by_its_fitting_resources() -> None:
     resources = [GOTO, POSE, CLOUD, FAULTS, BATTERY, MAP, GAIN]
     [pose, gain] = refusals(SetChannel("**", ChannelSettings(1.0, buffer_s=3.0)), resources)
     assert (pose.path, gain.path) == ("nav/pose", "config/hal/gain")
     assert gain.reason == "only its newest value waits"
 
 
-def test_a_rule_for_what_may_come_is_accepted_and_says_that_no_resource_matches() -> None:
+def test_rule_without_matching_resource_is_accepted_with_note() -> None:
     assert refusals(SetChannel("future/**", ChannelSettings(1.0)), [POSE]) == (
         ChannelRefusal("future/**", NO_RESOURCE),
     )
@@ -334,7 +334,7 @@ def test_a_rule_for_what_may_come_is_accepted_and_says_that_no_resource_matches(
     assert refusals(SetChannel("lens", RTP, link="gcs"), [VIDEO]) == (), "a source of video"
 
 
-def test_the_board_is_the_resource_where_an_inbox_has_its_path() -> None:
+def test_board_is_resource_where_inbox_has_its_path() -> None:
     inbox = Resource(path="nav/pose", kind=Kind.COMMAND, type="Pose")
     for order in ([inbox, POSE], [POSE, inbox]):
         assert refusals(SetChannel("nav/pose", ChannelSettings(1.0)), order) == ()
@@ -346,7 +346,7 @@ H264 = ChannelSettings(5.0, compression="h264")
 
 
 @pytest.mark.parametrize("settings_", [RTP, H264, ChannelSettings(None, ChannelProtocol.RTP, "h264")])
-def test_images_go_as_video_where_the_service_runs_and_a_link_is_named(settings_: ChannelSettings) -> None:
+def test_images_go_as_video_on_named_link(settings_: ChannelSettings) -> None:
     assert refusals(SetChannel("sensor/**", settings_, link="gcs"), [PICTURE, VIDEO]) == ()
     with pytest.raises(InvalidInput, match="expected --link"):
         refusals(SetChannel("sensor/**", settings_), [PICTURE, VIDEO])
@@ -354,7 +354,7 @@ def test_images_go_as_video_where_the_service_runs_and_a_link_is_named(settings_
         refusals(SetChannel("sensor/**", settings_, link="gcs"), [PICTURE])
 
 
-def test_what_is_no_stream_of_images_cannot_be_video_and_video_has_no_buffer() -> None:
+def test_non_image_stream_is_never_video() -> None:
     (refused,) = refusals(SetChannel("sensor/**", RTP, link="gcs"), [PICTURE, CLOUD, VIDEO])
     assert (refused.path, "streams of type Image" in refused.reason) == (CLOUD.path, True)
     buffered = ChannelSettings(None, ChannelProtocol.RTP, buffer_s=3.0)
@@ -367,7 +367,7 @@ def kept(table: ChannelTable) -> KeptChannels:
     return msgspec.json.decode(msgspec.json.encode(table.kept(7)), type=KeptChannels)
 
 
-def test_rules_and_what_can_be_taken_back_outlive_the_broker(table: ChannelTable) -> None:
+def test_rules_and_undo_records_outlive_broker(table: ChannelTable) -> None:
     table.set(SetChannel("nav/*", ChannelSettings(5.0, ChannelProtocol.ZMQ, "zlib:6", 9, 2.0)), 0)
     table.set(SetChannel("nav/*", ChannelSettings(1.0), for_s=60), 0)
     table.set(SetChannel("sensor/*", ChannelSettings(2.0), link="gcs"), 0)
@@ -382,7 +382,7 @@ def test_rules_and_what_can_be_taken_back_outlive_the_broker(table: ChannelTable
         later.undo(10 * S)
 
 
-def test_a_rule_whose_time_ended_before_the_next_broker_is_over_and_so_are_all_after_a_boot(
+def test_rule_expires_between_brokers_and_after_boot(
     table: ChannelTable,
 ) -> None:
     table.set(SetChannel("nav/*", ChannelSettings(5.0)), 0)
@@ -408,7 +408,7 @@ def test_kept_rules_that_are_invalid_change_nothing(
     assert settings(table, "nav/pose").max_hz == 5.0
 
 
-def test_the_file_keeps_the_rules_and_a_damaged_one_is_set_aside(
+def test_file_keeps_rules_and_damaged_is_set_aside(
     table: ChannelTable, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     clock = Clock(boot_id=7)
@@ -428,7 +428,7 @@ def test_the_file_keeps_the_rules_and_a_damaged_one_is_set_aside(
         assert not (tmp_path / "broker.channels").exists()
 
 
-def test_rules_that_cannot_be_written_hold_until_the_broker_ends(
+def test_unwritable_rules_hold_until_broker_ends(
     table: ChannelTable, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     store = ChannelStore(table, tmp_path / "missing", Clock(boot_id=7))

@@ -25,7 +25,7 @@ def test_common_are_those_that_every_neighbour_hears(table: NeighbourTable) -> N
     assert table.common(200 * MS) == {UAV2, UAV3, 50}
 
 
-def test_a_node_that_does_not_hear_all_our_neighbours_is_common_and_not_linked(table: NeighbourTable) -> None:
+def test_partially_connected_node_is_common_not_linked(table: NeighbourTable) -> None:
     """One neighbour hears it and is not heard: it needs our row."""
     one, other, third = Peer(table, UAV2), Peer(table, UAV3), Peer(table, 40)
     for peer, hears in ((one, (UAV3, 40, 50)), (other, (UAV2, 40, 50)), (third, (UAV3, UAV2, 50))):
@@ -41,7 +41,7 @@ def test_a_node_that_does_not_hear_all_our_neighbours_is_common_and_not_linked(t
     assert table.linked(4 * SECOND) == {UAV3}
 
 
-def test_what_a_neighbour_heard_long_ago_counts_no_more(table: NeighbourTable, peer: Peer) -> None:
+def test_old_reception_of_neighbour_expires(table: NeighbourTable, peer: Peer) -> None:
     bring_up(table, peer, 0)
     peer.datagram(200 * MS, Echo(50, 1, 5, 255))
     peer.datagram(8 * SECOND, listed(table, 8 * SECOND))
@@ -50,7 +50,7 @@ def test_what_a_neighbour_heard_long_ago_counts_no_more(table: NeighbourTable, p
     assert not table.needed(50, {UAV2}, 8 * SECOND)
 
 
-def test_a_neighbour_does_not_need_what_it_heard_well(table: NeighbourTable, peer: Peer) -> None:
+def test_neighbour_does_not_need_well_received_value(table: NeighbourTable, peer: Peer) -> None:
     bring_up(table, peer, 0)
     peer.datagram(200 * MS, Echo(UAV3, 1, 5, WELL), Echo(40, 1, 5, WELL - 1))
     assert not table.needed(50, {UAV3}, 200 * MS), "it receives uav3, which has sent the value"
@@ -79,7 +79,7 @@ def triple(table: NeighbourTable, one_hears_other: int, other_hears_one: int) ->
         (102, 102, set()),
     ],
 )
-def test_rows_of_neighbours_are_needed_where_their_link_is_much_worse_than_the_way_over_this_node(
+def test_rows_are_needed_where_own_way_is_better(
     table: NeighbourTable, one_hears_other: int, other_hears_one: int, linked: set[int]
 ) -> None:
     triple(table, one_hears_other, other_hears_one)
@@ -87,7 +87,7 @@ def test_rows_of_neighbours_are_needed_where_their_link_is_much_worse_than_the_w
     assert table.linked(200 * MS) == linked
 
 
-def test_rows_are_not_needed_any_more_when_the_link_of_two_neighbours_is_good_again(
+def test_rows_are_unneeded_after_link_has_recovered(
     table: NeighbourTable,
 ) -> None:
     one, other = triple(table, 102, 102)
@@ -97,7 +97,7 @@ def test_rows_are_not_needed_any_more_when_the_link_of_two_neighbours_is_good_ag
     assert table.linked(2 * SECOND) == {UAV2, UAV3}
 
 
-def test_a_way_over_this_node_that_is_as_bad_needs_no_rows(table: NeighbourTable) -> None:
+def test_equally_bad_own_way_needs_no_rows(table: NeighbourTable) -> None:
     one, other = triple(table, 153, 153)
     for number in range(1, 20):  # of both every second datagram arrives
         for peer in (one, other):

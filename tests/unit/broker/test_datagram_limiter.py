@@ -25,13 +25,13 @@ def looked_at(
     return count
 
 
-def test_datagrams_of_non_members_are_dropped_before_any_cryptography_beyond_a_few_a_second() -> None:
+def test_datagrams_of_non_members_are_dropped_before_cryptography() -> None:
     admission = DatagramLimiter({MEMBER})
     assert looked_at(admission, STRANGER, 10_000, spread=True) == NON_MEMBERS_S
     assert looked_at(admission, STRANGER, 10_000, 2 * SECOND, spread=True) == NON_MEMBERS_S
 
 
-def test_bad_datagrams_in_a_members_name_have_a_budget_by_address_and_in_all() -> None:
+def test_bad_datagrams_have_budgets_by_address_and_total() -> None:
     admission = DatagramLimiter({MEMBER})
     assert looked_at(admission, MEMBER, 10_000, spread=False) == FAILURES_S
     assert looked_at(admission, MEMBER, 10_000, 2 * SECOND, spread=True) == ALL_FAILURES_S
@@ -47,6 +47,6 @@ def test_a_flood_from_elsewhere_costs_a_member_nothing() -> None:
         assert admission.may_open(HOME, MEMBER, second * SECOND)
 
 
-def test_without_a_roster_everybody_is_looked_at_within_the_budget() -> None:
+def test_missing_roster_checks_everyone_within_budget() -> None:
     admission = DatagramLimiter(None)
     assert looked_at(admission, STRANGER, 10_000, spread=True) == ALL_FAILURES_S

@@ -86,22 +86,20 @@ def confirm(receiver: Member, origin: Member, origin_ns: int, now_ns: int) -> No
     assert len(receiver.take(origin.end.signed(reply, UAV2), now_ns).arrivals) == 1
 
 
-def test_a_frame_to_a_neighbour_is_not_signed_and_one_that_is_forwarded_is(gcs: Member) -> None:
+def test_only_forwarded_frame_is_signed(gcs: Member) -> None:
     frame = Frame(FrameKind.MESSAGE, 5, GCS, 1, UAV1, 2, payload=b"go")
     assert gcs.end.signed(frame, UAV1) is frame
     assert split(gcs.end.signed(frame, UAV2).extension).signature is not None
     assert frame.extension == b"", "a retransmission starts from the frame of the application"
 
 
-def test_a_frame_over_the_link_of_its_sender_needs_no_signature(uav1: Member) -> None:
+def test_frame_over_link_of_sender_needs_no_signature(uav1: Member) -> None:
     frame = Frame(FrameKind.MESSAGE, 5, UAV2, 1, UAV1, 2, payload=b"go")
     [arrival] = uav1.end.on_frame(frame, UAV2, True, 0).arrivals
     assert arrival.path == ()
 
 
-def test_the_first_relayed_frame_waits_for_an_answer_of_its_origin_and_further_ones_pass(
-    gcs: Member, uav1: Member
-) -> None:
+def test_first_relayed_frame_waits_for_origins_answer(gcs: Member, uav1: Member) -> None:
     first = uav1.take(gcs.message(UAV1, 5 * SECOND), 100 * SECOND)
     assert first.arrivals == ()
     [question] = first.outgoing
@@ -115,7 +113,7 @@ def test_the_first_relayed_frame_waits_for_an_answer_of_its_origin_and_further_o
     assert uav1.refused == Refused()
 
 
-def test_the_path_ends_with_the_node_that_really_sent_it(gcs: Member, uav1: Member) -> None:
+def test_path_ends_with_node_that_really_sent_it(gcs: Member, uav1: Member) -> None:
     confirm(uav1, gcs, 5 * SECOND, 5 * SECOND)
     frame = gcs.message(UAV1, 6 * SECOND, sequence=2)
     frame.extension = with_node(frame.extension, GCS)  # uav2 claims that another one sent it
@@ -123,7 +121,7 @@ def test_the_path_ends_with_the_node_that_really_sent_it(gcs: Member, uav1: Memb
     assert arrival.path == (GCS, UAV2)
 
 
-def test_a_thousand_frames_in_the_name_of_another_are_refused_and_counted(gcs: Member, uav1: Member) -> None:
+def test_thousand_forged_frames_are_refused_and_counted(gcs: Member, uav1: Member) -> None:
     confirm(uav1, gcs, 5 * SECOND, 5 * SECOND)
     chance = random.Random(1)
     liar = Member("uav2")
@@ -149,7 +147,7 @@ def test_a_thousand_frames_in_the_name_of_another_are_refused_and_counted(gcs: M
     assert (uav1.refused.unsigned, uav1.refused.spoofed) == (250, 750)
 
 
-def test_a_node_on_the_path_may_say_only_that_the_receiver_cannot_be_reached(uav1: Member) -> None:
+def test_forwarder_may_only_report_unreachable_receiver(uav1: Member) -> None:
     relay = Member("uav2")
     asked = Frame(FrameKind.MESSAGE, 5, UAV1, 1, GCS, 2)
     for status in Status:
@@ -159,7 +157,7 @@ def test_a_node_on_the_path_may_say_only_that_the_receiver_cannot_be_reached(uav
     assert uav1.refused.spoofed == len(Status) - 1
 
 
-def test_a_recorded_frame_is_refused_when_its_lifetime_is_over(gcs: Member, uav1: Member) -> None:
+def test_recorded_frame_is_refused_after_its_lifetime(gcs: Member, uav1: Member) -> None:
     confirm(uav1, gcs, 5 * SECOND, 100 * SECOND)
     for life_s, age_ns in ((2.0, 2 * SECOND), (None, FRAME_AGE_NS)):
         recorded = gcs.message(UAV1, 6 * SECOND, sequence=2, life_s=life_s)
@@ -171,9 +169,7 @@ def test_a_recorded_frame_is_refused_when_its_lifetime_is_over(gcs: Member, uav1
     assert uav1.refused.replayed == 2000
 
 
-def test_a_recorded_frame_of_a_former_session_is_refused_after_restarts_of_both(
-    gcs: Member, uav1: Member
-) -> None:
+def test_recorded_frame_is_refused_after_both_restarted(gcs: Member, uav1: Member) -> None:
     confirm(uav1, gcs, 5 * SECOND, 5 * SECOND)
     recorded = gcs.message(UAV1, 6 * SECOND, sequence=2)
     gcs.start(2000)
@@ -198,7 +194,7 @@ def test_a_recorded_answer_confirms_nothing(gcs: Member, uav1: Member) -> None:
     assert not uav1.take(other.end.signed(forged, UAV1), 6 * SECOND).arrivals
 
 
-def test_an_origin_whose_clock_stood_still_is_asked_and_taken_again(gcs: Member, uav1: Member) -> None:
+def test_origin_with_stopped_clock_is_asked_again(gcs: Member, uav1: Member) -> None:
     confirm(uav1, gcs, 5 * SECOND, 5 * SECOND)
     refused = uav1.take(gcs.message(UAV1, 6 * SECOND, sequence=2), 3600 * SECOND)
     assert "made long ago" in refused.refusal
@@ -218,9 +214,7 @@ def test_a_member_that_is_revoked_signs_in_vain(
     assert uav1.refused.spoofed == 1
 
 
-def test_an_urgent_order_is_compressed_before_it_is_signed_and_passes_as_a_datagram(
-    gcs: Member, uav1: Member
-) -> None:
+def test_urgent_order_is_compressed_before_signing(gcs: Member, uav1: Member) -> None:
     confirm(uav1, gcs, 5 * SECOND, 5 * SECOND)
     frame = Frame(
         FrameKind.REQUEST, 5, GCS, 1, UAV1, 2, 9, 6 * SECOND, flags=Flag.URGENT, payload=b"order " * 400
@@ -237,16 +231,14 @@ def test_an_urgent_order_is_compressed_before_it_is_signed_and_passes_as_a_datag
     assert uav1.end.on_frame(decode(again), UAV2, True, 6 * SECOND).arrivals
 
 
-def test_a_signed_frame_that_is_too_long_for_a_datagram_is_not_changed_on_the_way(gcs: Member) -> None:
+def test_oversized_signed_frame_is_forwarded_unchanged(gcs: Member) -> None:
     frame = Frame(FrameKind.REQUEST, 5, GCS, 1, UAV1, 2, payload=b"order " * 400)
     signed = gcs.end.signed(frame, UAV2)
     signed.flags = Flag.URGENT
     assert pack(signed) is None
 
 
-def test_an_answer_and_a_question_at_once_are_two_frames_for_the_links_on_the_way(
-    gcs: Member, uav1: Member
-) -> None:
+def test_answer_and_question_are_two_frames(gcs: Member, uav1: Member) -> None:
     frame = gcs.message(UAV1, SECOND)
     [question] = uav1.take(frame, SECOND).outgoing
     sent = gcs.take(uav1.end.signed(question, UAV2), SECOND).outgoing
@@ -276,7 +268,7 @@ def test_questions_are_few_and_waiting_frames_are_bounded() -> None:
     assert answer_to(reply) is None
 
 
-def test_a_clock_that_was_not_seen_for_an_hour_is_asked_again() -> None:
+def test_clock_unseen_for_hour_is_asked_again() -> None:
     origins: Origins[int] = Origins(7)
     question = origins.question(1, 0)
     assert question is not None
@@ -293,9 +285,7 @@ def test_other_bytes_are_no_check(payload: bytes) -> None:
     assert not is_check(payload)
 
 
-def test_a_frame_whose_lifetime_ends_while_it_waits_for_the_answer_is_refused_and_counted(
-    gcs: Member, uav1: Member
-) -> None:
+def test_frame_expiring_during_wait_is_refused_and_counted(gcs: Member, uav1: Member) -> None:
     [question] = uav1.take(gcs.message(UAV1, 5 * SECOND, life_s=0.1), 100 * SECOND).outgoing
     [reply, *_] = gcs.take(uav1.end.signed(question, UAV2), 6 * SECOND).outgoing
     late = uav1.take(gcs.end.signed(reply, UAV2), 101 * SECOND)
@@ -312,7 +302,7 @@ def test_without_keys_frames_are_neither_signed_nor_checked(monkeypatch: pytest.
     assert arrival.path == ()
 
 
-def test_a_question_of_other_bytes_is_counted_as_malformed(gcs: Member, uav1: Member) -> None:
+def test_question_of_other_bytes_is_counted_as_malformed(gcs: Member, uav1: Member) -> None:
     question = Frame(FrameKind.HELLO, 0, gcs.hw, 0, UAV1, 0, 1, SECOND, payload=b"?")
     assert uav1.take(gcs.end.signed(question, UAV2), SECOND) == Incoming()
     assert uav1.refused.malformed == 1

@@ -12,7 +12,7 @@ PEERS: Final = range(20, 40)
 ROOM: Final = 30
 
 
-def test_a_new_neighbour_is_listed_six_times_in_the_first_listing_period() -> None:
+def test_new_neighbour_is_listed_six_times_in_period() -> None:
     table = NeighbourTable(10, 1_000_000_000)
     changes: list[LinkChanged] = []
     said: list[int] = []

@@ -19,7 +19,7 @@ from swarmware.types.net import Denial
 
 
 @pytest.mark.parametrize(("is_other_key", "verb"), [(True, KEY), (False, BEACON)])
-async def test_a_false_beacon_is_reported_with_the_address_that_it_came_from(
+async def test_false_beacon_is_reported_with_its_address(
     tmp_path: Path, is_other_key: bool, verb: str
 ) -> None:
     make_swarm(tmp_path, ("uav1", "uav2"))

@@ -39,7 +39,7 @@ def request(text: str, flags: int = URGENT) -> Frame:
     return Frame(FrameKind.REQUEST, 7, 1, 2, 3, flags=flags, payload=registry.encode(Text(text)))
 
 
-def test_a_small_urgent_frame_is_packed_as_it_is() -> None:
+def test_small_urgent_frame_is_packed_as_it_is() -> None:
     frame = request("land")
     data = pack(frame)
     assert data is not None
@@ -68,7 +68,7 @@ def test_large_frames_take_the_connection(frame: Frame) -> None:
     assert pack(frame) is None
 
 
-def test_a_frame_that_is_not_urgent_is_packed_as_another_process_encoded_it_unless_it_has_changed() -> None:
+def test_unchanged_frame_is_packed_as_received() -> None:
     frame = request("land", flags=0)
     data = encode(frame)
     assert pack(frame, data) is data
@@ -79,7 +79,7 @@ def test_a_frame_that_is_not_urgent_is_packed_as_another_process_encoded_it_unle
 
 
 @pytest.mark.parametrize("kind", FrameKind)
-def test_what_its_sender_repeats_may_begin_as_a_datagram_and_so_may_all_that_is_urgent(
+def test_repeated_or_urgent_frame_may_begin_as_datagram(
     kind: FrameKind,
 ) -> None:
     questions = {FrameKind.MESSAGE, FrameKind.REQUEST, FrameKind.ACK, FrameKind.REPLY}
@@ -100,12 +100,12 @@ def test_the_header_comes_back() -> None:
 
 
 @given(st.binary(max_size=40))
-def test_any_bytes_are_a_header_or_a_wire_error(data: bytes) -> None:
+def test_any_bytes_are_header_or_wire_error(data: bytes) -> None:
     with contextlib.suppress(WireError):
         decode_header(data)
 
 
-def test_a_header_of_another_version_or_without_a_frame_is_refused() -> None:
+def test_foreign_or_empty_header_is_refused() -> None:
     clear = encode_header(FRAME, 1, 1)
     for data in (b"", clear, bytes((clear[0], 9)) + clear[2:] + b"x", b"\x54" + clear[1:] + b"x"):
         with pytest.raises(WireError, match="datagram"):
@@ -143,7 +143,7 @@ def test_datagrams_may_overtake_each_other() -> None:
         assert pair.there.open(number, CLEAR, boxes[number]) is Refusal.REPLAYED
 
 
-def test_datagrams_to_other_neighbours_leave_a_late_one_valid_up_to_the_window() -> None:
+def test_datagrams_to_others_keep_late_one_valid() -> None:
     pair = Pair()
     newest = PAIR_WINDOW + 3
     pair.there.open(newest, CLEAR, pair.here.seal(newest, CLEAR, b"now"))
@@ -152,7 +152,7 @@ def test_datagrams_to_other_neighbours_leave_a_late_one_valid_up_to_the_window()
 
 
 @pytest.mark.parametrize("at", [0, 3, -1])
-def test_a_changed_datagram_is_forged_and_the_genuine_one_is_still_taken(at: int) -> None:
+def test_changed_datagram_is_forged_and_genuine_taken(at: int) -> None:
     pair = Pair()
     box = bytearray(pair.here.seal(5, CLEAR, b"land"))
     genuine = bytes(box)
@@ -164,18 +164,18 @@ def test_a_changed_datagram_is_forged_and_the_genuine_one_is_still_taken(at: int
     assert pair.there.open(5, CLEAR, genuine) == Opened(b"land", 10)
 
 
-def test_a_datagram_of_a_former_session_of_either_node_is_forged() -> None:
+def test_datagram_of_former_session_is_forged() -> None:
     box = Pair().here.seal(5, CLEAR, b"land")
     assert Pair(session=11).there.open(5, CLEAR, box) is Refusal.FORGED
     assert Pair(peer_session=21).there.open(5, CLEAR, box) is Refusal.FORGED
 
 
-def test_a_datagram_does_not_come_back_as_one_of_its_receiver() -> None:
+def test_datagram_is_not_accepted_back_from_receiver() -> None:
     pair = Pair()
     assert pair.here.open(5, CLEAR, pair.here.seal(5, CLEAR, b"land")) is Refusal.FORGED
 
 
-def test_a_third_member_can_neither_open_nor_make_one() -> None:
+def test_third_member_can_neither_open_nor_make_one() -> None:
     pair, third = Pair(), Keys.open("uav3")
     box = pair.here.seal(5, CLEAR, b"land")
     assert PairSeal(third.curve_secret, pair.peer, pair.own).open(5, CLEAR, box) is Refusal.FORGED
@@ -194,7 +194,7 @@ def lose(paths: DatagramPaths, hw: int, now_ns: int) -> None:
     paths.on_repeated(hw, now_ns)
 
 
-def test_a_neighbour_gets_datagrams_until_repetitions_show_that_none_arrives() -> None:
+def test_neighbour_gets_datagrams_until_none_arrives() -> None:
     paths = DatagramPaths()
     for count in range(MISSES):
         assert paths.may_send(1, count), "one loss is an accident, however often its frame is repeated"
@@ -203,7 +203,7 @@ def test_a_neighbour_gets_datagrams_until_repetitions_show_that_none_arrives() -
     assert paths.may_send(2, MISSES), "other neighbours keep theirs"
 
 
-def test_a_datagram_that_was_answered_in_time_keeps_the_path_open() -> None:
+def test_answered_datagram_keeps_path_open() -> None:
     paths = DatagramPaths()
     for _ in range(MISSES + 2):
         lose(paths, 1, 0)
@@ -211,7 +211,7 @@ def test_a_datagram_that_was_answered_in_time_keeps_the_path_open() -> None:
         assert paths.may_send(1, 0)
 
 
-def test_repetitions_of_what_went_over_the_connection_say_nothing_of_the_path() -> None:
+def test_repetitions_over_connection_do_not_judge_path() -> None:
     paths = DatagramPaths()
     for _ in range(MISSES):
         paths.on_repeated(1, 0)
@@ -228,7 +228,7 @@ def test_a_closed_path_is_tried_again_later() -> None:
     assert paths.may_send(1, S + RETRY_NS), "it is counted from the beginning"
 
 
-def test_a_burst_to_one_neighbour_is_limited_until_its_time_is_over() -> None:
+def test_burst_to_one_neighbour_is_limited() -> None:
     paths = DatagramPaths(BURST)
     for _ in range(BURST):
         assert paths.may_send(1, S)
@@ -241,7 +241,7 @@ def test_a_burst_to_one_neighbour_is_limited_until_its_time_is_over() -> None:
     assert paths.may_send(1, S + BURST_NS), "it is counted from the beginning"
 
 
-def test_paths_of_urgent_frames_have_no_limit_of_a_burst() -> None:
+def test_urgent_paths_have_no_burst_limit() -> None:
     paths = DatagramPaths()
     for _ in range(2 * BURST):
         paths.on_sent(1, S)

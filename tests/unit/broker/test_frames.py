@@ -46,19 +46,19 @@ def frame(
     return Frame(kind, 5, sender, 6, receiver, 7, sequence, hops_left=hops)
 
 
-def test_a_frame_from_here_goes_to_the_next_hop_with_all_its_hops(forwarder: FrameForwarder) -> None:
+def test_own_frame_goes_to_next_hop_with_hops(forwarder: FrameForwarder) -> None:
     one = frame(hops=3)
     assert forwarder.from_here(one, 0) == ForwardDecision(ForwardStep.SEND, A)
     assert one.hops_left == HOPS
 
 
-def test_a_refusal_for_somebody_else_does_not_start_as_ours(forwarder: FrameForwarder) -> None:
+def test_refusal_for_another_does_not_start_here(forwarder: FrameForwarder) -> None:
     one = frame(FrameKind.ACK, sender=B)
     forwarder.from_here(one, 0)
     assert one.hops_left == HOPS - 1
 
 
-def test_without_a_route_the_frame_stays_and_a_route_is_asked_for(forwarder: FrameForwarder) -> None:
+def test_frame_without_route_stays_and_requests_route(forwarder: FrameForwarder) -> None:
     assert forwarder.from_here(frame(receiver=77), 0).step is ForwardStep.NO_ROUTE
 
 
@@ -66,19 +66,19 @@ def test_a_frame_for_us_is_delivered(forwarder: FrameForwarder) -> None:
     assert forwarder.from_neighbour(frame(sender=A, receiver=ME), A, 0).step is ForwardStep.DELIVER
 
 
-def test_a_frame_for_others_goes_on_with_one_hop_less(forwarder: FrameForwarder) -> None:
+def test_forwarded_frame_has_one_hop_less(forwarder: FrameForwarder) -> None:
     one = frame(sender=B)
     assert forwarder.from_neighbour(one, B, 0) == ForwardDecision(ForwardStep.SEND, A)
     assert one.hops_left == HOPS - 1
 
 
-def test_a_frame_that_starts_at_a_neighbour_must_be_its_own(forwarder: FrameForwarder) -> None:
+def test_frame_starting_at_neighbour_must_be_its_own(forwarder: FrameForwarder) -> None:
     assert forwarder.from_neighbour(frame(sender=FAR, receiver=ME), A, 0).step is ForwardStep.SPOOFED
     relayed = frame(sender=FAR, receiver=ME, hops=HOPS - 1)
     assert forwarder.from_neighbour(relayed, A, 0).step is ForwardStep.DELIVER
 
 
-def test_where_nobody_can_tell_the_neighbour_its_frames_are_taken(forwarder: FrameForwarder) -> None:
+def test_unverifiable_neighbour_frames_are_accepted(forwarder: FrameForwarder) -> None:
     assert forwarder.from_neighbour(frame(sender=FAR, receiver=ME), None, 0).step is ForwardStep.DELIVER
 
 
@@ -93,7 +93,7 @@ def test_a_frame_that_comes_round_is_stopped(forwarder: FrameForwarder) -> None:
     assert forwarder.from_neighbour(own, A, 0).step is ForwardStep.LOOPED
 
 
-def test_a_repetition_by_the_sender_goes_through_but_is_no_first(forwarder: FrameForwarder) -> None:
+def test_repetition_by_sender_passes_but_is_not_first(forwarder: FrameForwarder) -> None:
     assert forwarder.from_neighbour(frame(sender=B, hops=10), B, 0).first
     reroute = forwarder.from_neighbour(frame(sender=B, hops=10), B, 5 * MS)
     assert (reroute.step, reroute.first) == (ForwardStep.SEND, False)
@@ -107,7 +107,7 @@ def test_an_urgent_frame_is_first_whatever_it_is() -> None:
     assert priority(urgent) is Priority.URGENT
 
 
-def test_the_oldest_of_the_least_important_goes_when_the_queue_is_full() -> None:
+def test_full_queue_drops_oldest_of_lowest_priority() -> None:
     queue = SendQueue()
     for index in range(FRAMES_MAX):
         assert queue.put(b"%d" % index, frame(FrameKind.STREAM), index) == []
@@ -123,7 +123,7 @@ def test_the_queue_is_bounded_in_bytes() -> None:
     assert len(gone) == 1
 
 
-def test_what_waited_too_long_is_given_up_on_the_way_to_the_next() -> None:
+def test_frame_waiting_too_long_is_given_up() -> None:
     queue = SendQueue()
     queue.put(b"old", frame(), 0)
     queue.put(b"new", frame(), AGE_MAX_NS)
@@ -133,7 +133,7 @@ def test_what_waited_too_long_is_given_up_on_the_way_to_the_next() -> None:
     assert waiting.data == b"new"
 
 
-def test_all_that_waits_comes_back_when_the_way_is_closed() -> None:
+def test_closed_way_returns_all_waiting_frames() -> None:
     queue = SendQueue()
     for kind in (FrameKind.FILE, FrameKind.ACK):
         queue.put(kind.name.encode(), frame(kind), 0)
@@ -159,7 +159,7 @@ def test_a_node_is_who_its_hardware_id_says() -> None:
     assert members.platform(0xABC) == "00000abc"
 
 
-def test_a_far_member_is_said_three_times_when_it_changes_and_then_seldom() -> None:
+def test_far_member_is_sent_three_times_then_seldom() -> None:
     members = NodeTable(ME)
     members.on_row(MemberRow(UAV2, 1, PlatformCode.UAV, "uav2"), 1)
 
@@ -172,7 +172,7 @@ def test_a_far_member_is_said_three_times_when_it_changes_and_then_seldom() -> N
     assert [row.tree_version for row in said(REPEAT_NS + 7)] == [2]
 
 
-def test_member_rows_are_repeated_when_somebody_new_is_in_range() -> None:
+def test_member_rows_are_repeated_for_new_neighbours() -> None:
     members = NodeTable(ME)
     members.on_row(MemberRow(UAV2, 1, PlatformCode.UAV, "uav2"), 1)
     for slot in range(4):
@@ -183,7 +183,7 @@ def test_member_rows_are_repeated_when_somebody_new_is_in_range() -> None:
     assert members.rows(7, 500, NOBODY, lambda _: A) == []
 
 
-def test_members_that_all_hear_or_nobody_reaches_are_not_told() -> None:
+def test_known_or_unreachable_members_are_not_sent() -> None:
     members = NodeTable(ME)
     members.on_hello(UAV2, hello("uav2"), 1)
     assert members.rows(2, 500, frozenset((UAV2,)), lambda _: A) == []

@@ -119,7 +119,7 @@ def protocol() -> BeaconProtocol:
 
 @settings(max_examples=examples(15, 40), deadline=None, phases=[Phase.generate])
 @given(st.lists(datagrams(), min_size=1, max_size=25), st.booleans())
-def test_no_datagram_ends_the_protocol_and_all_its_output_can_be_written(
+def test_no_datagram_ends_protocol_or_spoils_output(
     received: list[tuple[Header, bytes, int]], in_hurry: bool
 ) -> None:
     mine = protocol()
@@ -151,7 +151,7 @@ def test_no_datagram_ends_the_protocol_and_all_its_output_can_be_written(
             assert 0 < mine.beacon_hz() <= 10.0
 
 
-def test_numbers_of_another_session_are_reached_but_nobody_can_use_our_numbers_up() -> None:
+def test_foreign_session_numbers_cannot_exhaust_own() -> None:
     mine = Topology(1, 100, SECOND, 0)
     now_ns = 0
     for _ in range(20_000):
@@ -163,7 +163,7 @@ def test_numbers_of_another_session_are_reached_but_nobody_can_use_our_numbers_u
     assert mine.next_sequence() < 100 + 20_000 + 40 * 0x8000, "2000 s: four raises, then one a minute"
 
 
-def test_near_the_end_of_its_numbers_a_node_is_not_raised_any_more() -> None:
+def test_node_near_end_of_numbers_is_not_raised() -> None:
     mine = Topology(1, 0xF800_0000, SECOND, 0)
     mine.compose(0, 1000)
     mine.routing.on_requests(2, [SequenceRequest(1, 0x7000, 24)], 0)

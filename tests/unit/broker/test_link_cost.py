@@ -33,7 +33,7 @@ def test_a_slow_medium_never_makes_a_link_unusable(neighbour: Neighbour) -> None
     assert neighbour.cost == COST_MAX
 
 
-def test_of_two_ways_that_lose_nothing_the_one_with_shorter_round_trips_is_used() -> None:
+def test_lossless_way_with_shorter_round_trips_is_used() -> None:
     slow, fast = (link_cost(255, 255, 0, rtt_ms * MS) for rtt_ms in (130, 5))
     routing = RoutingTable(1)
     routing.set_link(2, slow)

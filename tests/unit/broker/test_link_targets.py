@@ -34,7 +34,7 @@ def test_a_neighbour_without_a_port_has_no_target() -> None:
     assert cell.targets.find(UAV3) is None
 
 
-def test_a_target_is_replaced_when_the_neighbour_announces_another_port() -> None:
+def test_target_is_replaced_when_neighbour_announces_another_port() -> None:
     cell = Cell()
     cell.announce()
     first = cell.targets.find(UAV2)
@@ -50,7 +50,7 @@ def test_a_target_is_replaced_when_the_neighbour_announces_another_port() -> Non
     assert cell.targets.find(UAV2) is None
 
 
-def test_a_target_takes_the_host_of_the_chosen_medium() -> None:
+def test_target_takes_host_of_chosen_medium() -> None:
     cell = Cell()
     cell.announce()
     targets = LinkTargets(cell.neighbours, cell.nodes, lambda hw: f"192.168.0.{hw}")
@@ -58,7 +58,7 @@ def test_a_target_takes_the_host_of_the_chosen_medium() -> None:
     assert found is not None and found.host == f"192.168.0.{UAV2}"
 
 
-def test_a_target_takes_the_key_of_the_roster_in_force() -> None:
+def test_target_takes_key_of_present_roster() -> None:
     cell = Cell()
     cell.announce()
     roster = {cell.nodes.platform(UAV2): b"first"}
@@ -71,7 +71,7 @@ def test_a_target_takes_the_key_of_the_roster_in_force() -> None:
     assert found is not None and not found.curve_public, "revoked"
 
 
-def test_beacons_go_by_unicast_where_multicast_does_not_reach() -> None:
+def test_beacons_go_by_unicast_where_multicast_fails() -> None:
     cell = Cell()
     assert cell.targets.unicast_addresses([], SECOND) == set()
     assert cell.targets.unicast_addresses([AT, SEED], SECOND) == {SEED}, "the group reaches the neighbour"
@@ -81,7 +81,7 @@ def test_beacons_go_by_unicast_where_multicast_does_not_reach() -> None:
     assert cell.targets.unicast_addresses([], SECOND) == set()
 
 
-def test_a_claimant_is_answered_by_unicast_for_three_seconds() -> None:
+def test_claimant_is_answered_by_unicast_for_three_seconds() -> None:
     cell = Cell()
     cell.targets.on_claimant(CLAIMANT, SECOND)
     assert cell.targets.unicast_addresses([], SECOND) == {CLAIMANT}

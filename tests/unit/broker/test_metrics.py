@@ -69,7 +69,7 @@ def neighbour(name: str, state: LinkStatus, rtt_ms: float | None = 2.5) -> Neigh
     )
 
 
-def test_every_counter_and_gauge_is_read_back_by_the_parser_of_prometheus() -> None:
+def test_metrics_are_read_back_by_prometheus_parser() -> None:
     link = LinkTraffic(
         "uav2",
         LinkTransport.UDP,
@@ -113,7 +113,7 @@ def test_every_counter_and_gauge_is_read_back_by_the_parser_of_prometheus() -> N
     assert read(found, "swarm_beacon_slowdown_ratio") == 1.5
 
 
-def test_each_counter_of_the_tables_is_on_the_page() -> None:
+def test_each_counter_of_tables_is_on_page() -> None:
     page = metrics_page(
         "uav1",
         traffic(links=(LinkTraffic("uav2", LinkTransport.TCP),), channels=(ChannelTraffic("nav/pose"),)),
@@ -129,7 +129,7 @@ def test_each_counter_of_the_tables_is_on_the_page() -> None:
 
 @settings(max_examples=30)
 @given(st.text(max_size=40), st.text(max_size=40))
-def test_any_name_is_a_label_that_is_read_back(channel: str, platform: str) -> None:
+def test_any_name_is_label_that_is_read_back(channel: str, platform: str) -> None:
     page = metrics_page(
         "uav1",
         traffic(
@@ -180,7 +180,7 @@ def test_only_a_request_for_the_page_gets_it(request_head: bytes, answer: HttpAn
         (("Authorization: Bearer",), 401),
     ],
 )
-def test_with_a_token_only_its_bearer_gets_the_page(fields: tuple[str, ...], status: int) -> None:
+def test_token_bearer_alone_gets_page(fields: tuple[str, ...], status: int) -> None:
     assert judge(head("GET /metrics HTTP/1.1", *fields), b"secret").status == status
     if status == 401:
         assert judge(head("GET /other HTTP/1.1", *fields), b"secret").status == 401, (

@@ -23,7 +23,7 @@ WANT: Final = BoardSubscription("uav7", "nav/pose", "Pose", POSE)
 OTHER_TYPE: Final = BoardSubscription("uav7", "nav/pose", "Text", data_id("nav/pose", "Text"))
 
 
-def test_each_mirrored_frame_is_the_one_that_would_be_encoded_afresh(tmp_path: Path) -> None:
+def test_mirrored_frame_equals_fresh_encoding(tmp_path: Path) -> None:
     written = [
         (WANT, RemoteValue(7, POSE, 1_000, 10, True, b"here", 5_000_000)),
         (WANT, RemoteValue(7, POSE, 2_000, 20, True, b"ther", 6_000_000)),
@@ -58,7 +58,7 @@ def test_each_mirrored_frame_is_the_one_that_would_be_encoded_afresh(tmp_path: P
     asyncio.run(run())
 
 
-def test_a_mirror_of_a_broker_that_starts_again_goes_on_in_its_numbers(tmp_path: Path) -> None:
+def test_restarted_broker_continues_numbers_of_mirror(tmp_path: Path) -> None:
     async def run() -> None:
         async with tmp_node(tmp_path) as node:
             for start in range(2):
@@ -81,7 +81,7 @@ def test_a_stamp_that_fits_no_frame_is_refused() -> None:
     assert bytes(frame) == encode(Frame(FrameKind.BOARD, POSE, payload=b"here"))
 
 
-def test_a_value_that_fits_no_frame_is_refused_counted_and_reported_once(
+def test_value_without_frame_is_refused_and_reported_once(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     async def run() -> None:

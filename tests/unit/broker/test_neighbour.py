@@ -52,7 +52,7 @@ def test_every_transition_leaves_the_state_it_starts_from() -> None:
     assert all(before is not after for (before, _), after in TRANSITIONS.items())
 
 
-def test_a_neighbour_is_received_first_and_up_when_it_lists_us(table: NeighbourTable, peer: Peer) -> None:
+def test_neighbour_is_received_then_up_when_listing_us(table: NeighbourTable, peer: Peer) -> None:
     peer.datagram(0)
     assert peer.is_(LinkState.HEARD)
     peer.datagram(100 * MS, listed(table, 100 * MS))
@@ -69,9 +69,7 @@ def test_listing_others_does_not_bring_it_up(peer: Peer) -> None:
     assert peer.is_(LinkState.HEARD)
 
 
-def test_a_listing_without_an_echo_does_not_bring_it_up_but_keeps_it_up(
-    table: NeighbourTable, peer: Peer
-) -> None:
+def test_listing_without_echo_only_keeps_neighbour_up(table: NeighbourTable, peer: Peer) -> None:
     peer.datagram(0)
     peer.datagram(100 * MS, Echo(ME, 0, NO_ECHO, 255))
     assert peer.is_(LinkState.HEARD), "it may mean our former session"
@@ -85,9 +83,7 @@ def test_a_listing_without_an_echo_does_not_bring_it_up_but_keeps_it_up(
 
 
 @pytest.mark.parametrize("hold_ms", [200, 5_000])
-def test_an_echo_to_what_we_never_sent_does_not_count(
-    table: NeighbourTable, peer: Peer, hold_ms: int
-) -> None:
+def test_echo_of_unsent_beacon_does_not_count(table: NeighbourTable, peer: Peer, hold_ms: int) -> None:
     peer.datagram(0)
     table.sent(1, 400 * MS)  # held for longer than it is old: of our former session
     peer.datagram(500 * MS, Echo(ME, 1, hold_ms * 1000, 255))
@@ -106,7 +102,7 @@ def test_silence_for_the_timeout_takes_it_down(table: NeighbourTable, peer: Peer
     assert table.deadline_ns() is None
 
 
-def test_a_slow_sender_without_loss_may_miss_one_datagram(table: NeighbourTable, peer: Peer) -> None:
+def test_slow_sender_without_loss_may_miss_one_datagram(table: NeighbourTable, peer: Peer) -> None:
     peer.period_ms = 500
     for slot in range(20):
         peer.datagram(slot * 500 * MS, listed(table, slot * 500 * MS), hello=True)
@@ -115,7 +111,7 @@ def test_a_slow_sender_without_loss_may_miss_one_datagram(table: NeighbourTable,
     assert table.advance(last_ns + 1251 * MS) != []
 
 
-def test_a_hello_with_a_longer_period_defers_the_deadline_at_once(table: NeighbourTable, peer: Peer) -> None:
+def test_hello_with_longer_period_defers_deadline_at_once(table: NeighbourTable, peer: Peer) -> None:
     peer.period_ms = 1000
     bring_up(table, peer, 20 * SECOND)
     peer.period_ms = 1500
@@ -124,9 +120,7 @@ def test_a_hello_with_a_longer_period_defers_the_deadline_at_once(table: Neighbo
     assert peer.is_(LinkState.UP)
 
 
-def test_the_declared_period_counts_not_the_gaps_between_datagrams_sent_in_a_hurry(
-    table: NeighbourTable, peer: Peer
-) -> None:
+def test_declared_period_counts_not_gaps(table: NeighbourTable, peer: Peer) -> None:
     peer.period_ms = 3000
     for slot in range(20):
         peer.datagram(slot * 100 * MS, listed(table, slot * 100 * MS), hello=True)
@@ -135,7 +129,7 @@ def test_the_declared_period_counts_not_the_gaps_between_datagrams_sent_in_a_hur
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("period_ms", [100, 500])
-def test_a_link_that_loses_three_of_ten_datagrams_stays_up(
+def test_link_losing_three_of_ten_stays_up(
     table: NeighbourTable, peer: Peer, seed: int, period_ms: int
 ) -> None:
     chance = random.Random(seed)
@@ -167,7 +161,7 @@ def test_cost_rises_while_a_neighbour_is_silent(table: NeighbourTable, peer: Pee
     assert peer.neighbour.cost < COST_MAX
 
 
-def test_two_echoes_say_that_a_lost_neighbour_is_not_received(table: NeighbourTable, peer: Peer) -> None:
+def test_two_echoes_show_that_neighbour_is_not_received(table: NeighbourTable, peer: Peer) -> None:
     bring_up(table, peer, 0)
     table.advance(10 * SECOND)
     for _ in range(2):
@@ -175,7 +169,7 @@ def test_two_echoes_say_that_a_lost_neighbour_is_not_received(table: NeighbourTa
     assert table.echoes(10 * SECOND, 10, LISTING_NS) == ()
 
 
-def test_who_says_that_it_does_not_hear_us_is_half_open(table: NeighbourTable, peer: Peer) -> None:
+def test_neighbour_not_receiving_us_is_half_open(table: NeighbourTable, peer: Peer) -> None:
     bring_up(table, peer, 0)
     peer.datagram(200 * MS, Echo(ME, 0, NO_ECHO, 0))
     assert peer.is_(LinkState.HALF_OPEN)
@@ -195,9 +189,7 @@ def test_who_lists_us_no_more_is_half_open(table: NeighbourTable, peer: Peer) ->
     assert now_ns > UNLISTED_NS
 
 
-def test_a_restart_takes_the_link_back_to_heard_and_forgets_what_was_measured(
-    table: NeighbourTable, peer: Peer
-) -> None:
+def test_restart_resets_link_and_its_measurements(table: NeighbourTable, peer: Peer) -> None:
     bring_up(table, peer, 0)
     peer.sequence = 5000
     peer.changes.clear()
@@ -232,9 +224,7 @@ def test_overdue_datagrams_are_no_loss_of_the_wire(table: NeighbourTable, peer: 
     assert peer.neighbour.wire_loss == 3 / 16
 
 
-def test_only_what_two_reports_say_after_the_first_datagrams_is_a_loss(
-    table: NeighbourTable, peer: Peer
-) -> None:
+def test_loss_is_taken_from_two_reports_only(table: NeighbourTable, peer: Peer) -> None:
     def losses(numbers: range, *qualities: int) -> list[float | None]:
         """Loss after each report; own beacons have these numbers."""
         found = []
@@ -266,7 +256,7 @@ def test_a_jump_of_the_sequence_is_no_loss(peer: Peer) -> None:
     assert peer.neighbour.quality == 255
 
 
-def test_one_datagram_after_a_silence_is_no_proof_of_a_good_link(peer: Peer) -> None:
+def test_one_datagram_after_silence_proves_nothing(peer: Peer) -> None:
     peer.datagram(0)
     assert peer.neighbour.quality == 32
     for slot in range(1, 8):
@@ -275,7 +265,7 @@ def test_one_datagram_after_a_silence_is_no_proof_of_a_good_link(peer: Peer) -> 
 
 
 @pytest.mark.parametrize("order", list(permutations((1, 2, 3, 4))))
-def test_a_newcomers_first_datagrams_may_come_in_any_order(peer: Peer, order: tuple[int, ...]) -> None:
+def test_newcomers_first_datagrams_may_come_in_any_order(peer: Peer, order: tuple[int, ...]) -> None:
     for place, sequence in enumerate(order):
         peer.sequence = sequence - 1
         peer.datagram(place * MS)
@@ -283,9 +273,7 @@ def test_a_newcomers_first_datagrams_may_come_in_any_order(peer: Peer, order: tu
     assert peer.neighbour.lost == 0
 
 
-def test_any_number_of_overtaken_datagrams_is_at_most_a_perfect_link(
-    table: NeighbourTable, peer: Peer
-) -> None:
+def test_overtaken_datagrams_never_exceed_perfect_link(table: NeighbourTable, peer: Peer) -> None:
     for sequence in range(40, 0, -1):
         peer.sequence = sequence - 1
         peer.datagram(0)
@@ -316,7 +304,7 @@ def test_the_offset_is_bounded_from_both_sides(table: NeighbourTable) -> None:
     assert peer.neighbour.rtt_ns == 5 * MS
 
 
-def test_clocks_are_whole_across_the_wrap_of_32_bits(table: NeighbourTable) -> None:
+def test_clocks_are_whole_across_wrap_of_32_bits(table: NeighbourTable) -> None:
     offset_us = (3 << 32) - 150_000
     peer = Peer(table, offset_us=offset_us)
     for slot in range(5):
@@ -332,7 +320,7 @@ def test_a_clock_below_zero_is_whole_too(table: NeighbourTable) -> None:
     assert clock_sample.reverse_ns == -5 * SECOND
 
 
-def test_new_neighbours_are_listed_at_once_and_all_within_the_cycle(table: NeighbourTable) -> None:
+def test_new_neighbours_are_listed_at_once(table: NeighbourTable) -> None:
     peers = [Peer(table, hw) for hw in (UAV2, UAV3, 40)]
     for peer in peers:
         peer.datagram(0)
@@ -363,7 +351,7 @@ def test_an_echo_is_said_once(table: NeighbourTable, peer: Peer) -> None:
     assert second.hold_us == NO_ECHO
 
 
-def test_those_who_waited_longest_are_listed_when_there_is_little_room(table: NeighbourTable) -> None:
+def test_longest_waiting_neighbours_are_listed_first(table: NeighbourTable) -> None:
     for index in range(20):
         Peer(table, 100 + index).datagram(0)
     first = {echo.hw for echo in table.echoes(0, 8, LISTING_NS)}
@@ -372,7 +360,7 @@ def test_those_who_waited_longest_are_listed_when_there_is_little_room(table: Ne
     assert not first & second
 
 
-def test_many_neighbours_that_fall_silent_at_once_do_not_overfill_a_datagram(table: NeighbourTable) -> None:
+def test_many_silent_neighbours_do_not_overfill_datagram(table: NeighbourTable) -> None:
     for index in range(400):
         Peer(table, 100 + index).datagram(0)
     table.advance(20 * SECOND)
@@ -395,7 +383,7 @@ def test_neighbours_beyond_the_limit_are_not_taken(table: NeighbourTable) -> Non
     assert table.on_header(header, False, AT, 0, []) is None
 
 
-def test_the_usual_period_is_that_of_most_whatever_one_declares_and_the_lost_have_none(
+def test_usual_period_is_the_majoritys(
     table: NeighbourTable,
 ) -> None:
     peers = [Peer(table, hw) for hw in range(20, 25)]
@@ -409,7 +397,7 @@ def test_the_usual_period_is_that_of_most_whatever_one_declares_and_the_lost_hav
     assert table.usual_period_ns() in (100 * MS, 200 * MS)
 
 
-def test_the_usual_period_follows_hellos_restarts_and_losses_at_once(table: NeighbourTable) -> None:
+def test_usual_period_follows_hellos_restarts_and_losses(table: NeighbourTable) -> None:
     assert table.usual_period_ns() == 500 * MS  # of a node that has declared none
     first, second = Peer(table, 20), Peer(table, 21)
     first.datagram(SECOND, hello=True)
@@ -428,7 +416,7 @@ def test_the_usual_period_follows_hellos_restarts_and_losses_at_once(table: Neig
     assert table.usual_period_ns() == 250 * MS
 
 
-def test_the_periods_are_looked_at_again_only_after_a_change(table: NeighbourTable) -> None:
+def test_periods_are_looked_at_again_only_after_change(table: NeighbourTable) -> None:
     peers = [Peer(table, hw) for hw in range(20, 35)]
     for peer in peers:
         peer.datagram(SECOND, hello=True)

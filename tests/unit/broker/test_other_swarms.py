@@ -13,7 +13,7 @@ THEIRS = 0x456_0000_00C4
 HERE, THERE = ("10.0.0.1", 7450), ("10.0.0.9", 7450)
 
 
-def test_a_session_with_another_mark_is_of_another_swarm_and_so_is_what_follows_from_its_address() -> None:
+def test_foreign_mark_marks_session_and_its_address() -> None:
     one = OtherSwarms(OWN)
     assert not one.on_unopened(None, THERE, 0), "it has shown no session yet"
     assert one.on_unopened(THEIRS, THERE, 1)
@@ -24,7 +24,7 @@ def test_a_session_with_another_mark_is_of_another_swarm_and_so_is_what_follows_
     assert (found.root, found.datagrams, found.addresses) == ("00c4", 2, ("10.0.0.9",))
 
 
-def test_an_address_that_shows_the_own_mark_again_is_no_other_swarm() -> None:
+def test_address_with_own_mark_leaves_other_swarm() -> None:
     one = OtherSwarms(OWN)
     assert one.on_unopened(THEIRS, THERE, 0)
     assert not one.on_unopened(OWN + (7 << 16), THERE, 1)
@@ -37,7 +37,7 @@ def test_nodes_without_keys_have_no_root() -> None:
     assert one.table(0)[0].root == ""
 
 
-def test_a_swarm_that_is_silent_for_a_minute_is_not_reported() -> None:
+def test_swarm_silent_for_minute_is_not_reported() -> None:
     one = OtherSwarms(OWN)
     assert one.on_unopened(THEIRS, THERE, 0)
     assert len(one.table(FORGET_NS)) == 1

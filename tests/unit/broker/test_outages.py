@@ -51,7 +51,7 @@ def drain(log: OutageLog, queue: dict[float, int], until_s: float) -> None:
             log.on_backlog(HW, frames, 100 * frames, due_ns)
 
 
-def test_a_record_has_the_four_times_and_the_backlog() -> None:
+def test_record_has_four_times_and_backlog() -> None:
     log = OutageLog(Config())
     assert feed(log, LOST, 11.2) == [SaveOutages()]
     assert newest(log, 12).phase is OutagePhase.LOST
@@ -89,7 +89,7 @@ def test_without_a_backlog_it_is_drained_at_once() -> None:
     assert (newest(log).drained_in_s, newest(log).backlog_frames) == (0.0, 0)
 
 
-def test_frames_that_senders_repeat_right_after_the_return_are_part_of_the_backlog() -> None:
+def test_repeated_frames_after_return_join_backlog() -> None:
     log = OutageLog(Config())
     feed(log, LOST, 11)
     feed(log, HEARD, 20)
@@ -99,7 +99,7 @@ def test_frames_that_senders_repeat_right_after_the_return_are_part_of_the_backl
     assert newest(log).drained_in_s == pytest.approx(0.5, abs=LOOK_NS / S)
 
 
-def test_a_queue_that_never_becomes_empty_ends_the_record_without_a_time() -> None:
+def test_never_empty_queue_ends_record_without_time() -> None:
     log = OutageLog(Config())
     feed(log, LOST, 11)
     feed(log, HEARD, 20)
@@ -109,7 +109,7 @@ def test_a_queue_that_never_becomes_empty_ends_the_record_without_a_time() -> No
     assert newest(log).drained_in_s is None
 
 
-def test_a_link_that_is_lost_while_it_drains_is_another_outage() -> None:
+def test_link_lost_while_draining_is_another_outage() -> None:
     log = OutageLog(Config())
     feed(log, LOST, 11)
     feed(log, HEARD, 20)
@@ -129,7 +129,7 @@ def test_the_first_meeting_is_no_outage() -> None:
     assert log.deadline_ns() is None
 
 
-def test_a_return_that_ends_before_it_is_proven_counts_from_the_last_one() -> None:
+def test_unproven_return_counts_from_last() -> None:
     log = OutageLog(Config())
     feed(log, LOST, 11)
     feed(log, HEARD, 20)
@@ -141,7 +141,7 @@ def test_a_return_that_ends_before_it_is_proven_counts_from_the_last_one() -> No
     assert (newest(log).down_for_s, newest(log).recovered_in_s) == (20.0, 0.5)
 
 
-def test_a_neighbour_that_does_not_receive_us_is_down_until_it_does() -> None:
+def test_neighbour_not_receiving_us_is_down() -> None:
     log = OutageLog(Config())
     feed(log, change(LinkState.UP, LinkState.HALF_OPEN, LinkEvent.UNLISTED, 5 * S), 12)
     feed(log, change(LinkState.HALF_OPEN, LinkState.UP, LinkEvent.LISTED), 20)
@@ -150,7 +150,7 @@ def test_a_neighbour_that_does_not_receive_us_is_down_until_it_does() -> None:
     assert (found.down_for_s, found.recovered_in_s) == (15.0, 0.0)
 
 
-def test_a_restart_of_the_neighbour_is_down_until_its_first_datagram() -> None:
+def test_restarted_neighbour_is_down_until_first_datagram() -> None:
     log = OutageLog(Config())
     feed(log, change(LinkState.UP, LinkState.HEARD, LinkEvent.RESTARTED, 5 * S), 5.6)
     feed(log, UP, 6)
@@ -159,14 +159,14 @@ def test_a_restart_of_the_neighbour_is_down_until_its_first_datagram() -> None:
     assert found.recovered_in_s == 0.4
 
 
-def test_a_step_of_the_wall_clock_does_not_move_the_beginning() -> None:
+def test_step_of_wall_clock_does_not_move_beginning() -> None:
     log = OutageLog(Config())
     feed(log, LOST, 11)
     before = log.table(11 * S, UTC_NS + 11 * S).outages[0].began_utc_ns
     assert log.table(12 * S, UTC_NS + 5000 * S).outages[0].began_utc_ns == before == UTC_NS + 10 * S
 
 
-def test_a_platform_that_left_the_swarm_has_no_outage() -> None:
+def test_platform_that_left_swarm_has_no_outage() -> None:
     log = OutageLog(Config())
     feed(log, LOST, 11)
     assert log.on_forgotten(HW, 12 * S) == [SaveOutages()]
@@ -174,7 +174,7 @@ def test_a_platform_that_left_the_swarm_has_no_outage() -> None:
     assert log.table(12 * S, UTC_NS) == OutageTable()
 
 
-def test_records_of_a_former_session_stay_and_open_ones_have_no_length() -> None:
+def test_former_records_stay_and_open_have_no_length() -> None:
     log = OutageLog(Config())
     feed(log, LOST, 11)
     kept = log.table(12 * S, UTC_NS)
@@ -187,7 +187,7 @@ def test_records_of_a_former_session_stay_and_open_ones_have_no_length() -> None
     assert [one.phase for one in again.table(30 * S, UTC_NS).outages] == ["lost", "interrupted", "over"]
 
 
-def test_a_link_that_flaps_for_hours_keeps_the_newest_records() -> None:
+def test_link_that_flaps_for_hours_keeps_newest_records() -> None:
     log = OutageLog(Config(outages=4))
     for number in range(12):
         at_s = 10.0 * number

@@ -39,7 +39,7 @@ class Rig:
         return channel.offered_frames, channel.dropped
 
 
-async def test_the_newest_value_is_taken_and_every_value_written_is_counted(tmp_path: Path) -> None:
+async def test_newest_value_is_taken_and_all_counted(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         rig = Rig(node)
         rig.write(b"one")
@@ -54,7 +54,7 @@ async def test_the_newest_value_is_taken_and_every_value_written_is_counted(tmp_
         rig.writer.close()
 
 
-async def test_a_value_that_does_not_fit_or_is_of_another_type_is_not_sent(tmp_path: Path) -> None:
+async def test_unfitting_or_mistyped_value_is_not_sent(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         rig = Rig(node)
         rig.write(bytes(VALUE_LIMIT + 1))
@@ -67,7 +67,7 @@ async def test_a_value_that_does_not_fit_or_is_of_another_type_is_not_sent(tmp_p
         rig.writer.close()
 
 
-async def test_a_board_whose_writer_comes_later_is_found_and_one_not_offered_is_left(tmp_path: Path) -> None:
+async def test_late_writer_is_found_and_unoffered_board_left(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         rig = Rig(node)
         rig.writer.close()

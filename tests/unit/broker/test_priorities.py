@@ -83,7 +83,7 @@ def notify(module: Module, action: SendNotify) -> asyncio.Task[object]:
     return module.start(module.send(path, action.notify, kind=action.kind, timeout_s=60), "notify")
 
 
-def test_commands_come_before_notifications_and_notifications_before_streams_and_files(
+def test_commands_precede_notifications_then_streams_and_files(
     tmp_path: Path,
 ) -> None:
     def send(module: Module) -> list[asyncio.Task[object]]:
@@ -106,7 +106,7 @@ def test_commands_come_before_notifications_and_notifications_before_streams_and
     assert b"now" in order[ConnectionClass.CONTROL][0].payload
 
 
-def test_commands_survive_ten_times_overload_with_notifications_and_streams(tmp_path: Path) -> None:
+def test_commands_survive_tenfold_overload(tmp_path: Path) -> None:
     platforms = 10 * BYTES_MAX // (IN_FLIGHT * NOTE_BYTES) + 1
 
     def send(module: Module) -> list[asyncio.Task[object]]:
@@ -129,7 +129,7 @@ def test_commands_survive_ten_times_overload_with_notifications_and_streams(tmp_
 
 
 @pytest.mark.parametrize("kind", list(FrameKind))
-def test_data_takes_a_connection_of_its_own_unless_it_is_urgent(kind: FrameKind) -> None:
+def test_data_takes_own_connection_unless_urgent(kind: FrameKind) -> None:
     data = kind in {FrameKind.STREAM, FrameKind.NOTIFY, FrameKind.EVENT, FrameKind.BOARD, FrameKind.FILE}
     assert connection_class(Frame(kind, 5, 1, 6, 9, 7)) is (
         ConnectionClass.DATA if data else ConnectionClass.CONTROL
@@ -138,7 +138,7 @@ def test_data_takes_a_connection_of_its_own_unless_it_is_urgent(kind: FrameKind)
 
 
 @pytest.mark.parametrize("kind", [FrameKind.MESSAGE, FrameKind.REQUEST, FrameKind.REPLY])
-def test_a_part_of_a_large_value_gives_way_to_all_others(kind: FrameKind) -> None:
+def test_part_of_large_value_yields_to_others(kind: FrameKind) -> None:
     part = Frame(kind, 5, 1, 6, 9, 7, flags=Flag.BULK)
     assert priority(part) is Priority.BULK
     assert connection_class(part) is ConnectionClass.DATA
@@ -151,7 +151,7 @@ def test_a_part_of_a_large_value_gives_way_to_all_others(kind: FrameKind) -> Non
     assert priority(Frame(kind, 5, 1, 6, 9, 7, flags=Flag.BULK | Flag.URGENT)) is Priority.URGENT
 
 
-def test_a_connection_that_stands_still_stops_only_its_own_classes() -> None:
+def test_blocked_connection_stops_only_its_classes() -> None:
     queue = SendQueue()
     queue.put(b"scan", Frame(FrameKind.NOTIFY, 5, 1, 6, 9, 7), 0)
     assert not queue.has(ConnectionClass.CONTROL)
@@ -179,7 +179,7 @@ def test_a_notification_reaches_an_inbox_and_is_acknowledged(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("kind", [FrameKind.ACK, FrameKind.REPLY, FrameKind.REQUEST, FrameKind.HELLO])
-def test_a_message_of_a_kind_that_no_inbox_takes_is_refused(tmp_path: Path, kind: FrameKind) -> None:
+def test_message_without_inbox_for_kind_is_refused(tmp_path: Path, kind: FrameKind) -> None:
     async def run() -> None:
         async with tmp_node(tmp_path) as node, Module("tree", node=node) as module:
             with pytest.raises(

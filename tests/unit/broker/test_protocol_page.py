@@ -141,7 +141,7 @@ def beacon() -> Beacon:
     )
 
 
-def test_the_beacon_of_the_page_is_the_one_we_send() -> None:
+def test_beacon_of_page_is_one_we_send() -> None:
     body = codec.encode(beacon())
     assert body == example("beacon-body")
     hw = hardware_id("uav3")
@@ -149,7 +149,7 @@ def test_the_beacon_of_the_page_is_the_one_we_send() -> None:
     assert clear + Sealer(GROUP, hw, SESSION).seal(1000, clear, body) == example("beacon-datagram")
 
 
-def test_the_beacon_of_the_page_is_one_we_take() -> None:
+def test_beacon_of_page_is_one_we_take() -> None:
     data = example("beacon-datagram")
     header, start = codec.decode_header(data)
     opened = Opener(GROUP).open(
@@ -192,7 +192,7 @@ def test_the_kinds_of_the_page_are_ours() -> None:
     assert told == {int(kind): kind.name.lower() for kind in FrameKind}
 
 
-def test_the_flags_and_codecs_of_the_page_are_ours_and_the_others_are_called_reserved() -> None:
+def test_flags_and_codecs_of_page_match_code() -> None:
     flags = {int(number) for number in re.findall(r"(\d+) (?:urgent|wants an acknowledgement|bulk)", PAGE)}
     assert flags == set(Flag)
     assert "1 reserved" in PAGE
@@ -200,7 +200,7 @@ def test_the_flags_and_codecs_of_the_page_are_ours_and_the_others_are_called_res
     assert "1 zlib of MessagePack: used in datagrams (5.1) · 2 zstd of MessagePack: reserved" in TEXT
 
 
-def test_the_checks_and_roles_of_the_page_are_ours() -> None:
+def test_checks_and_roles_of_page_are_ours() -> None:
     section = PAGE.split("### 3.5")[1].split("## 4.")[0]
     kinds = {int(number): name for number, name in re.findall(r"\| (\d) \| (\w+) \|", section)}
     assert kinds == {int(kind): kind.name.lower() for kind in CheckKind}

@@ -91,7 +91,7 @@ class Receiver:
         return [(each.relay_hw, each.origin_hw) for each in found]
 
 
-def test_true_values_arrive_over_one_relay_and_over_two_and_together_need_one_signature(
+def test_true_values_over_relays_need_one_signature(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     verified: list[bytes] = []
@@ -141,7 +141,7 @@ INVENTIONS: Final[dict[str, Callable[[RelayedValue, int], RelayedValue]]] = {
 
 
 @pytest.mark.parametrize("invention", INVENTIONS)
-def test_none_of_a_thousand_invented_values_is_taken_and_each_is_counted_and_reported(invention: str) -> None:
+def test_thousand_invented_values_are_refused_and_reported(invention: str) -> None:
     origin, relay, receiver = Origin(), Relay(), Receiver()
     relay.hear(origin.values(PERIOD, b"true"), PERIOD)
     [true] = relay.say(PERIOD)
@@ -155,7 +155,7 @@ def test_none_of_a_thousand_invented_values_is_taken_and_each_is_counted_and_rep
     assert receiver.take(relay.say(9 * PERIOD), 9 * PERIOD) == [b"next"]
 
 
-def test_another_value_under_a_true_proof_is_refused_each_time() -> None:
+def test_changed_value_under_true_proof_is_refused() -> None:
     origin, relay, receiver = Origin(), Relay(), Receiver()
     relay.hear(origin.values(PERIOD, b"true", b"also"), PERIOD)
     true, _ = relay.say(PERIOD)
@@ -165,7 +165,7 @@ def test_another_value_under_a_true_proof_is_refused_each_time() -> None:
     assert receiver.refused == TRIES
 
 
-def test_a_recorded_value_does_not_replace_a_newer_one_nor_one_of_a_later_session() -> None:
+def test_recorded_value_replaces_no_newer_value() -> None:
     origin, relay, receiver = Origin(), Relay(), Receiver()
     recorded = []
     for step in (100, 200):
@@ -181,7 +181,7 @@ def test_a_recorded_value_does_not_replace_a_newer_one_nor_one_of_a_later_sessio
     assert receiver.refused == 0, "they were sent once"
 
 
-def test_values_of_a_node_without_a_known_name_are_not_taken_and_no_offence() -> None:
+def test_values_of_unnamed_node_are_ignored_without_offence() -> None:
     receiver = Receiver()
     unknown = RelayedValue(hardware_id("uav9"), POSE, 5, 0, 2, True, b"value")
     assert receiver.take([unknown], PERIOD) == []
@@ -189,7 +189,7 @@ def test_values_of_a_node_without_a_known_name_are_not_taken_and_no_offence() ->
     assert (receiver.refused, receiver.reported()) == (0, [])
 
 
-def test_what_came_without_a_proof_is_relayed_when_its_origin_repeats_it_with_one() -> None:
+def test_unproven_value_is_relayed_after_proof_comes() -> None:
     origin, relay = Origin(), Relay()
     first = origin.values(PERIOD, b"same")
     relay.hear(first, PERIOD, proven=False)
@@ -201,7 +201,7 @@ def test_what_came_without_a_proof_is_relayed_when_its_origin_repeats_it_with_on
 
 
 @pytest.mark.parametrize(("room", "count"), [(0, 0), (60, 0), (150, 0), (230, 1), (500, 6), (1100, 9)])
-def test_fewer_values_are_relayed_where_room_is_short_and_never_without_proof(room: int, count: int) -> None:
+def test_fewer_values_are_relayed_when_room_is_short(room: int, count: int) -> None:
     origin, relay, receiver = Origin(), Relay(), Receiver()
     relay.hear(origin.values(PERIOD, *(bytes(40) for _ in range(9))), PERIOD)
     relayed = relay.say(PERIOD, room)

@@ -7,12 +7,12 @@ from swarmware.types.net import CERTAINLY_HOSTILE, HOSTILE, Refused
 
 
 @pytest.mark.parametrize("name", HOSTILE)
-def test_each_kind_is_logged_when_it_is_refused_first(name: str) -> None:
+def test_each_kind_of_refusal_is_logged_first_time(name: str) -> None:
     line = RefusalLog().on_counters(Refused(**{name: 3}), 0)
     assert line == RefusalLine(name in CERTAINLY_HOSTILE, f"refused input: 3 {name}")
 
 
-def test_a_thousand_refusals_make_one_line_a_minute_with_their_sum() -> None:
+def test_thousand_refusals_make_one_line_per_minute() -> None:
     one, lines = RefusalLog(), []
     for number in range(1, 1001):
         line = one.on_counters(Refused(forged=number), number * LOG_NS // 400)
@@ -28,7 +28,7 @@ def test_nothing_new_is_not_logged() -> None:
     assert one.on_counters(Refused(replayed=1), 10 * LOG_NS) is None
 
 
-def test_duplicates_of_a_poor_link_do_not_hide_a_forger() -> None:
+def test_duplicates_of_poor_link_do_not_hide_forger() -> None:
     one = RefusalLog()
     assert one.on_counters(Refused(replayed=2), 0) == RefusalLine(False, "refused input: 2 replayed")
     assert one.on_counters(Refused(replayed=4), 1) is None

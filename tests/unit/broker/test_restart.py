@@ -42,7 +42,7 @@ def test_no_link_outlives_the_notice_whatever_its_loss(period_ms: int, every: in
     assert table.up() == []
 
 
-def test_links_of_a_node_without_a_hello_end_within_the_shortest_notice() -> None:
+def test_links_without_hello_end_within_shortest_notice() -> None:
     table = NeighbourTable(ME, SECOND)
     neighbour = table.on_header(Header(0, PEER, 1, 0), False, ("h", 1), 0, [])
     assert neighbour is not None
@@ -57,7 +57,7 @@ def test_periods_are_kept_in_classes(period_ms: int, kept_ms: int) -> None:
     assert ceiling_ns(period_ms * MS) == kept_ms * MS
 
 
-def test_a_slower_period_is_kept_at_once_and_a_faster_one_when_all_have_it() -> None:
+def test_slower_period_is_kept_at_once() -> None:
     declared_period = DeclaredPeriod(0, 0)
     steps = [
         (0, 100, True, 125),
@@ -74,7 +74,7 @@ def test_a_slower_period_is_kept_at_once_and_a_faster_one_when_all_have_it() -> 
         assert declared_period.ns == kept_ms * MS
 
 
-def test_the_period_of_a_former_session_holds_until_all_have_a_newer_one() -> None:
+def test_period_of_former_session_holds_until_replaced() -> None:
     declared_period = DeclaredPeriod(2000 * MS, 0)
     assert not declared_period.declare(100 * MS, SECOND)
     assert declared_period.ns == 2000 * MS
@@ -82,7 +82,7 @@ def test_the_period_of_a_former_session_holds_until_all_have_a_newer_one() -> No
     assert declared_period.ns == 125 * MS
 
 
-def test_what_is_kept_is_there_at_the_next_start(tmp_path: Path) -> None:
+def test_kept_session_exists_at_next_start(tmp_path: Path) -> None:
     first = FormerSession(tmp_path)
     assert first.declared_period_ns == 0, "nobody can know a former session"
     assert first.next_session(100) == 1 << 16
@@ -93,7 +93,7 @@ def test_what_is_kept_is_there_at_the_next_start(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == [PERIOD, SESSION]
 
 
-def test_a_session_has_the_mark_of_its_swarm_and_rises_with_each_start(tmp_path: Path) -> None:
+def test_session_has_swarms_mark_and_rises(tmp_path: Path) -> None:
     wall_ns = 1_790_000_000_123_456_789
     sessions = [FormerSession(tmp_path).next_session(wall_ns, mark) for mark in (0xAB12, 0xAB12, 5, 0xFFFF)]
     assert [session & SESSION_MARK for session in sessions] == [0xAB12, 0xAB12, 5, 0xFFFF]
@@ -102,7 +102,7 @@ def test_a_session_has_the_mark_of_its_swarm_and_rises_with_each_start(tmp_path:
     assert sessions[-1] < wall_ns + 4 * (SESSION_MARK + 1)
 
 
-def test_a_node_whose_data_was_lost_waits_as_one_that_was_idle(tmp_path: Path) -> None:
+def test_node_without_former_data_waits_like_idle(tmp_path: Path) -> None:
     idle = tmp_path / "idle"
     idle.mkdir()
     FormerSession(idle).next_session(1)
@@ -123,12 +123,12 @@ def test_a_damaged_period_counts_as_the_longest(tmp_path: Path, content: bytes) 
     assert FormerSession(tmp_path).declared_period_ns == CEILINGS_NS[-1]
 
 
-def test_a_session_of_a_version_without_periods_counts_as_idle(tmp_path: Path) -> None:
+def test_session_of_version_without_periods_counts_as_idle(tmp_path: Path) -> None:
     FormerSession(tmp_path).next_session(1)
     assert FormerSession(tmp_path).declared_period_ns == 500 * MS
 
 
-def test_a_period_that_cannot_be_kept_is_a_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_period_that_cannot_be_kept_is_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     former = FormerSession(tmp_path / "gone")
     former.keep(500 * MS)
     assert "broker.period: cannot be written" in caplog.text

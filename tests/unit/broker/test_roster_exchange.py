@@ -63,7 +63,7 @@ def carry(actions: list[RosterAction], to: RosterExchange, sender: str, now_ns: 
     return to.on_message(HW[sender], sender, action.payload, HOST, now_ns)
 
 
-def test_who_sees_a_higher_version_asks_and_gets_only_the_difference(swarm: Swarm) -> None:
+def test_node_behind_asks_and_gets_only_difference(swarm: Swarm) -> None:
     one, other = exchange(swarm, "uav1"), exchange(swarm, "uav2")
     one.on_text(swarm.admit("uav3", b"\3" * 32), 0)
     other.on_shown(HW["uav1"], "uav1", one.version, 0)
@@ -83,7 +83,7 @@ def test_who_sees_a_higher_version_asks_and_gets_only_the_difference(swarm: Swar
 
 
 @pytest.mark.parametrize("change", ["admit", "again", "revoke", "rotate", "role"])
-def test_a_difference_leads_to_the_roster_that_the_root_signed(swarm: Swarm, change: str) -> None:
+def test_difference_leads_to_roster_that_root_signed(swarm: Swarm, change: str) -> None:
     base = swarm.root.roster
     seed = (swarm.directory / "uav1" / "node.key").read_bytes()
     changes: dict[str, Callable[[], bytes]] = {
@@ -99,7 +99,7 @@ def test_a_difference_leads_to_the_roster_that_the_root_signed(swarm: Swarm, cha
     assert merge(base, update) == text
 
 
-def test_a_roster_that_is_encoded_in_another_way_is_sent_as_a_whole(swarm: Swarm) -> None:
+def test_differently_encoded_roster_is_sent_whole(swarm: Swarm) -> None:
     base, key = swarm.root.roster, SigningKey((swarm.directory / "root.key").read_bytes())
     swarm.root.rotate()
     body = msgspec.json.encode(swarm.root.roster).replace(b'{"version"', b'{ "version"')
@@ -108,7 +108,7 @@ def test_a_roster_that_is_encoded_in_another_way_is_sent_as_a_whole(swarm: Swarm
     assert (update.base, update.whole) == (0, text)
 
 
-def test_a_node_that_restarted_answers_with_the_whole_roster(swarm: Swarm) -> None:
+def test_node_that_restarted_answers_with_whole_roster(swarm: Swarm) -> None:
     one, other = exchange(swarm, "uav1"), exchange(swarm, "uav2")
     one.on_text(swarm.root.rotate(), 0)
     again = exchange(swarm, "uav1")
@@ -142,7 +142,7 @@ def test_who_never_answers_is_not_asked_for_ever(swarm: Swarm) -> None:
     assert node.deadline_ns() is not None, "it shows its version again"
 
 
-def test_a_forged_roster_is_refused_and_its_sender_is_not_asked_again(swarm: Swarm) -> None:
+def test_forged_roster_is_refused_and_sender_avoided(swarm: Swarm) -> None:
     node = exchange(swarm, "uav1")
     node.on_shown(HW["uav2"], "uav2", 99, 0)
     node.advance(0)
@@ -153,7 +153,7 @@ def test_a_forged_roster_is_refused_and_its_sender_is_not_asked_again(swarm: Swa
     assert node.deadline_ns() is None
 
 
-def test_a_forged_difference_is_refused_and_the_whole_roster_is_asked_for(swarm: Swarm) -> None:
+def test_forged_difference_is_refused_and_whole_requested(swarm: Swarm) -> None:
     node, base = exchange(swarm, "uav1"), swarm.root.roster
     swarm.root.rotate()
     update = make_update(base, swarm.root.roster, swarm.root.signed)
@@ -185,7 +185,7 @@ def test_a_damaged_roster_is_refused(swarm: Swarm, whole: bytes) -> None:
         exchange(swarm, "uav1").on_message(HW["uav2"], "uav2", encode(RosterUpdate(0, whole)), HOST, 0)
 
 
-def test_group_keys_that_do_not_fit_the_members_are_refused(swarm: Swarm) -> None:
+def test_group_keys_not_matching_members_are_refused(swarm: Swarm) -> None:
     base = swarm.root.roster
     text = swarm.root.rotate()
     update = make_update(base, swarm.root.roster, text)
@@ -193,7 +193,7 @@ def test_group_keys_that_do_not_fit_the_members_are_refused(swarm: Swarm) -> Non
         merge(base, msgspec.structs.replace(update, boxes=update.boxes[:-1]))
 
 
-def test_a_node_that_missed_rotations_is_offered_the_roster_and_asks_for_it(swarm: Swarm) -> None:
+def test_node_missing_rotations_is_offered_roster(swarm: Swarm) -> None:
     present, late = exchange(swarm, "uav1"), exchange(swarm, "uav2")
     for _ in range(3):
         present.on_text(swarm.root.rotate(), 0)
@@ -213,13 +213,13 @@ def test_a_node_that_missed_rotations_is_offered_the_roster_and_asks_for_it(swar
     assert late.epochs.sealing == present.epochs.opening(3, SECOND)
 
 
-def test_a_stranger_of_a_former_epoch_is_offered_nothing(swarm: Swarm) -> None:
+def test_unknown_node_of_former_epoch_is_offered_nothing(swarm: Swarm) -> None:
     node = exchange(swarm, "uav1")
     node.on_text(swarm.root.rotate(), 0)
     assert node.on_late(hardware_id("uav9"), "uav9", 1, "10.0.0.2", 7000, SECOND) == []
 
 
-def test_a_platform_that_was_revoked_while_it_was_away_is_told_at_its_return(swarm: Swarm) -> None:
+def test_revoked_platform_learns_it_at_return(swarm: Swarm) -> None:
     node, away = exchange(swarm, "uav1"), exchange(swarm, "uav2")
     node.on_text(swarm.root.revoke("uav2"), 0)
     assert node.is_offer_due(HW["uav2"], SECOND)
@@ -235,7 +235,7 @@ def test_a_platform_that_was_revoked_while_it_was_away_is_told_at_its_return(swa
     assert again == [], "it knows it now"
 
 
-def test_a_node_that_returns_with_a_replaced_key_is_told_and_one_with_the_present_key_is_offered_the_roster(
+def test_returning_node_with_replaced_key_is_informed(
     swarm: Swarm,
 ) -> None:
     node, copy = exchange(swarm, "uav1"), exchange(swarm, "uav2")
@@ -254,7 +254,7 @@ def relayed(origin: str) -> RelayedValue:
     return RelayedValue(HW[origin], 5, 1000, 0, 1, packed=False, payload=b"value")
 
 
-def test_what_a_beacon_has_about_a_revoked_node_is_left_out(swarm: Swarm) -> None:
+def test_revoked_node_is_left_out_of_beacon(swarm: Swarm) -> None:
     node = exchange(swarm, "uav1")
     beacon = Beacon(
         rows=(RouteRow(HW["uav2"], 1, 256), RouteRow(HW["gcs"], 1, 256)),
@@ -273,7 +273,7 @@ def test_what_a_beacon_has_about_a_revoked_node_is_left_out(swarm: Swarm) -> Non
     assert not node.excludes_name(HW["gcs"], "gcs")
 
 
-def test_a_revoked_neighbour_gets_the_roster_that_revokes_it(swarm: Swarm) -> None:
+def test_revoked_neighbour_gets_roster_that_revokes_it(swarm: Swarm) -> None:
     node, revoked = exchange(swarm, "uav1"), exchange(swarm, "uav2")
     node.on_shown(HW["uav2"], "uav2", 1, 0)
     farewell = node.on_text(swarm.root.revoke("uav2"), 0)
@@ -287,7 +287,7 @@ def test_a_revoked_neighbour_gets_the_roster_that_revokes_it(swarm: Swarm) -> No
 KEYS = [GroupKey(epoch, bytes([epoch]) * 32) for epoch in range(20)]
 
 
-def test_the_new_key_opens_at_once_and_seals_when_all_neighbours_have_it() -> None:
+def test_new_key_opens_at_once_and_seals_later() -> None:
     epochs = GroupEpochs(KEYS[0])
     epochs.rotate(KEYS[1], 0)
     assert epochs.sealing is KEYS[0]
@@ -298,7 +298,7 @@ def test_the_new_key_opens_at_once_and_seals_when_all_neighbours_have_it() -> No
     assert not epochs.switch(True, SWITCH_NS)
 
 
-def test_the_new_key_seals_after_a_while_in_any_case() -> None:
+def test_new_key_seals_after_while_in_any_case() -> None:
     epochs = GroupEpochs(KEYS[0])
     epochs.rotate(KEYS[1], 0)
     epochs.rotate(KEYS[2], SWITCH_NS - 1)
@@ -316,7 +316,7 @@ def test_the_former_key_opens_for_ten_seconds() -> None:
     assert epochs.opening(7, 0) is None
 
 
-def test_a_mark_that_returns_after_sixteen_rotations_is_that_of_the_newest_key() -> None:
+def test_mark_after_sixteen_rotations_is_newest_keys() -> None:
     epochs = GroupEpochs(KEYS[0])
     for key in KEYS[1:17]:
         epochs.rotate(key, 0)
@@ -324,7 +324,7 @@ def test_a_mark_that_returns_after_sixteen_rotations_is_that_of_the_newest_key()
     assert epochs.opening(0, 0) is KEYS[16]
 
 
-def test_a_node_that_asks_without_end_is_answered_five_times_a_second(swarm: Swarm) -> None:
+def test_endlessly_asking_node_is_answered_five_times(swarm: Swarm) -> None:
     node = exchange(swarm, "uav1")
     node.on_text(swarm.admit("uav3", b"\3" * 32), 0)
     question = encode(RosterQuestion(0, 7447))
@@ -332,7 +332,7 @@ def test_a_node_that_asks_without_end_is_answered_five_times_a_second(swarm: Swa
     assert sum(map(len, answers)) == 10
 
 
-def test_a_node_that_was_revoked_with_a_rotation_keeps_sealing_with_the_key_that_it_has(swarm: Swarm) -> None:
+def test_revoked_node_keeps_sealing_with_its_key(swarm: Swarm) -> None:
     revoked = exchange(swarm, "uav2")
     before = revoked.epochs.sealing
     revoked.on_text(swarm.root.revoke("uav2"), 0)

@@ -46,7 +46,7 @@ def test_sequence_numbers_compare_modulo_2_to_the_16(one: int, other: int, is_ne
     assert newer(one, other) is is_newer
 
 
-def test_a_row_of_a_neighbour_is_a_route_over_it(routing: RoutingTable) -> None:
+def test_row_of_neighbour_is_route_over_it(routing: RoutingTable) -> None:
     assert routing.on_rows(A, [(FAR, 7, 512)], 5) == [RouteChanged(FAR, A)]
     assert routing.next_hop(FAR) == A
     assert routing.routes() == [Route(FAR, A, 768, 7, 5)]
@@ -86,7 +86,7 @@ def test_a_newer_sequence_is_taken_at_any_distance(routing: RoutingTable) -> Non
     assert routing.on_rows(B, [(FAR, 0, 5000)], 1) == [RouteChanged(FAR, B)]
 
 
-def test_a_longer_way_of_the_next_hop_is_known_at_once_and_told(routing: RoutingTable) -> None:
+def test_longer_way_is_announced_at_once(routing: RoutingTable) -> None:
     routing.on_rows(A, [(FAR, 7, 256)], 0)
     rows(routing)
     assert routing.on_rows(A, [(FAR, 7, 1100)], 1) == [], "not feasible, but ours stays loop-free"
@@ -94,7 +94,7 @@ def test_a_longer_way_of_the_next_hop_is_known_at_once_and_told(routing: Routing
     assert routing.on_rows(B, [(FAR, 7, 512)], 3) == [], "the feasibility distance did not change"
 
 
-def test_a_way_that_gets_much_longer_is_left_for_another(routing: RoutingTable) -> None:
+def test_much_longer_way_is_left_for_another(routing: RoutingTable) -> None:
     routing.on_rows(A, [(FAR, 7, 256)], 0)
     routing.on_rows(B, [(FAR, 7, 300)], 0)
     assert routing.on_rows(A, [(FAR, 8, 2000)], 1) == [RouteChanged(FAR, B)]
@@ -107,7 +107,7 @@ def test_a_retraction_takes_the_other_way_or_none(routing: RoutingTable) -> None
     assert routing.on_rows(B, [(FAR, 7, INFINITY)], 2) == [RouteChanged(FAR, 0)]
 
 
-def test_a_lost_route_is_said_twice_and_asked_for(routing: RoutingTable) -> None:
+def test_lost_route_is_said_twice_and_asked_for(routing: RoutingTable) -> None:
     routing.on_rows(A, [(FAR, 7, 256)], 0)
     rows(routing)
     routing.drop_link(A, 1)
@@ -120,7 +120,7 @@ def test_a_lost_route_is_said_twice_and_asked_for(routing: RoutingTable) -> None
     assert routing.requests(10 * SECOND) == (), "not for ever"
 
 
-def test_who_asks_because_it_is_lost_itself_leads_nowhere(routing: RoutingTable) -> None:
+def test_lost_requester_leads_nowhere(routing: RoutingTable) -> None:
     routing.on_rows(A, [(FAR, 7, 256)], 0)
     routing.on_rows(B, [(FAR, 7, 300)], 0)
     assert routing.on_requests(A, [SequenceRequest(FAR, 8, 20)], 1) == [], "it only passes it on"
@@ -128,7 +128,7 @@ def test_who_asks_because_it_is_lost_itself_leads_nowhere(routing: RoutingTable)
     assert changes == [RouteChanged(FAR, B)], "its retractions were lost"
 
 
-def test_a_request_is_passed_on_once_with_one_hop_less(routing: RoutingTable) -> None:
+def test_request_is_relayed_once_with_one_hop_less(routing: RoutingTable) -> None:
     routing.on_rows(A, [(FAR, 7, 256)], 0)
     routing.on_requests(B, [SequenceRequest(FAR, 8, 20 | LOST)], 1)
     routing.on_requests(B, [SequenceRequest(FAR, 8, 20 | LOST)], 2)
@@ -141,7 +141,7 @@ def test_a_request_at_its_last_hop_ends(routing: RoutingTable) -> None:
     assert routing.requests(2) == ()
 
 
-def test_who_has_a_newer_row_answers_in_the_next_beacon_and_forwards_no_request(
+def test_node_with_newer_row_answers_without_forwarding(
     routing: RoutingTable,
 ) -> None:
     routing.on_rows(A, [(FAR, 9, 256)], 0)
@@ -153,7 +153,7 @@ def test_who_has_a_newer_row_answers_in_the_next_beacon_and_forwards_no_request(
     assert FAR not in rows(routing, 2 * PERIOD + 1)
 
 
-def test_the_awaited_row_is_told_as_soon_as_it_comes(routing: RoutingTable) -> None:
+def test_awaited_row_is_announced_on_arrival(routing: RoutingTable) -> None:
     routing.on_rows(A, [(FAR, 7, 256)], 0)
     rows(routing)
     routing.on_requests(B, [SequenceRequest(FAR, 8, 20)], 1)
@@ -167,7 +167,7 @@ def test_a_request_for_ourselves_raises_our_own_number(routing: RoutingTable) ->
     assert routing.requested_sequence == 5
 
 
-def test_rows_are_refreshed_the_slower_the_farther_they_lead(routing: RoutingTable) -> None:
+def test_rows_are_refreshed_slower_farther_they_lead(routing: RoutingTable) -> None:
     routing.on_rows(A, [(A, 1, 0), (FAR, 1, 800)], 0)
     rows(routing, 0)
     routing.on_rows(A, [(A, 2, 0), (FAR, 2, 800)], 1)
@@ -176,7 +176,7 @@ def test_rows_are_refreshed_the_slower_the_farther_they_lead(routing: RoutingTab
     assert set(rows(routing, 4 * REFRESH_NS)) == {A, FAR}
 
 
-def test_a_row_waits_for_the_next_number_before_it_is_repeated(routing: RoutingTable) -> None:
+def test_row_is_repeated_only_with_next_number(routing: RoutingTable) -> None:
     routing.on_rows(A, [(FAR, 1, 0)], 0)
     rows(routing, 0)
     assert rows(routing, REFRESH_NS + PERIOD) == {}, "it would say the same"
@@ -186,7 +186,7 @@ def test_a_row_waits_for_the_next_number_before_it_is_repeated(routing: RoutingT
     assert FAR in rows(routing, 3 * REFRESH_NS), "a neighbour may have missed it, or be new"
 
 
-def test_rows_that_nobody_needs_are_said_once_and_when_asked_for(routing: RoutingTable) -> None:
+def test_unneeded_rows_are_sent_once_and_on_request(routing: RoutingTable) -> None:
     routing.on_rows(A, [(A, 1, 0)], 0)
     everybody = frozenset((A,))
     assert set(rows(routing, 0, everybody)) == {A}
@@ -196,7 +196,7 @@ def test_rows_that_nobody_needs_are_said_once_and_when_asked_for(routing: Routin
 
 
 @pytest.mark.parametrize(("metric", "at_once"), [(3000, False), (500, True)])
-def test_a_route_that_turned_is_told_at_once_where_it_is_much_better(
+def test_turned_route_is_announced_when_much_better(
     routing: RoutingTable, metric: int, at_once: bool
 ) -> None:
     routing.on_rows(A, [(FAR, 7, 4000)], 0)
@@ -206,7 +206,7 @@ def test_a_route_that_turned_is_told_at_once_where_it_is_much_better(
     assert at_once or rows(routing, 2 * REFRESH_MAX_NS)[FAR] == RouteRow(FAR, 7, metric + 256)
 
 
-def test_a_row_that_somebody_needs_now_is_told_at_once(routing: RoutingTable) -> None:
+def test_newly_needed_row_is_announced_at_once(routing: RoutingTable) -> None:
     routing.on_rows(A, [(A, 1, 0)], 0)
     rows(routing, 0, frozenset((A,)))
     assert rows(routing, 1, frozenset((A,))) == {}
@@ -214,7 +214,7 @@ def test_a_row_that_somebody_needs_now_is_told_at_once(routing: RoutingTable) ->
     assert rows(routing, 3) == {}
 
 
-def test_lost_routes_come_before_all_others_when_there_is_little_room(routing: RoutingTable) -> None:
+def test_lost_routes_go_first_when_room_is_short(routing: RoutingTable) -> None:
     routing.on_rows(A, [(hw, 1, 256) for hw in range(100, 140)], 0)
     rows(routing)
     routing.on_rows(A, [(120, 1, INFINITY)], 1)
@@ -239,7 +239,7 @@ def test_a_vanished_node_is_forgotten_with_its_bound(routing: RoutingTable) -> N
     assert routing.on_rows(A, [(FAR, 3, 5000)], SOURCE_GC_NS + 4 * SECOND) == [RouteChanged(FAR, A)]
 
 
-def test_traffic_for_a_lost_node_asks_for_it_again(routing: RoutingTable) -> None:
+def test_traffic_for_lost_node_asks_for_it_again(routing: RoutingTable) -> None:
     routing.on_rows(A, [(FAR, 7, 256)], 0)
     rows(routing)
     routing.drop_link(A, 1)
@@ -271,7 +271,7 @@ def bring_up(topology: Topology, hw: int, sequence: int, now_ns: int) -> None:
     topology.on_beacon(header(hw, sequence + 1), echo, False, ("h", 1), now_ns)
 
 
-def test_a_neighbour_is_a_route_to_itself_as_soon_as_it_is_up() -> None:
+def test_neighbour_is_route_to_itself_once_up() -> None:
     topology = Topology(ME, 100, SECOND, 0)
     bring_up(topology, A, 5, 0)
     assert topology.routing.next_hop(A) == A
@@ -288,7 +288,7 @@ def test_routes_over_a_neighbour_end_with_its_silence() -> None:
     assert {route.hw for route in routes} == {A, FAR}
 
 
-def test_after_a_start_only_neighbours_are_reached_until_all_have_noticed() -> None:
+def test_started_node_reaches_only_neighbours_at_first() -> None:
     topology = Topology(ME, 100, SECOND, quiet_until_ns=SECOND)
     bring_up(topology, A, 5, 0)
     beacon = Beacon(rows=(RouteRow(FAR, 1, 256),))
@@ -306,7 +306,7 @@ def test_rows_of_an_overtaken_datagram_are_not_used() -> None:
     assert topology.routing.next_hop(FAR) == 0
 
 
-def test_a_restarted_neighbours_routes_are_dropped_before_its_rows_are_used() -> None:
+def test_restarted_neighbours_routes_are_dropped_first() -> None:
     topology = Topology(ME, 100, SECOND, 0)
     bring_up(topology, A, 5, 0)
     topology.on_beacon(header(A, 7), Beacon(rows=(RouteRow(FAR, 1, 256),)), False, ("h", 1), PERIOD)
@@ -318,7 +318,7 @@ def test_a_restarted_neighbours_routes_are_dropped_before_its_rows_are_used() ->
     assert topology.routing.next_hop(FAR) == 0, "it has not said yet that it hears us"
 
 
-def test_own_numbers_go_on_from_what_others_still_hold_of_us() -> None:
+def test_own_numbers_continue_from_what_others_hold() -> None:
     topology = Topology(ME, 100, SECOND, 0)
     assert topology.next_sequence() == 101
     topology.routing.requested_sequence = 5000
@@ -327,7 +327,7 @@ def test_own_numbers_go_on_from_what_others_still_hold_of_us() -> None:
     assert topology.next_sequence() == 5002, "older than ours: of no interest"
 
 
-def test_a_neighbour_that_is_hardly_better_is_not_taken_when_the_present_one_gets_worse(
+def test_hardly_better_neighbour_does_not_replace_route(
     routing: RoutingTable,
 ) -> None:
     routing.on_rows(A, [(FAR, 7, 512)], 0)
@@ -339,7 +339,7 @@ def test_a_neighbour_that_is_hardly_better_is_not_taken_when_the_present_one_get
     assert routing.worsen(A, PERIOD) == [RouteChanged(FAR, B)]
 
 
-def test_a_row_that_was_feasible_once_is_not_used_after_a_better_one_was_advertised(
+def test_row_is_infeasible_after_better_advertisement(
     routing: RoutingTable,
 ) -> None:
     routing.on_rows(A, [(FAR, 7, 512)], 0)

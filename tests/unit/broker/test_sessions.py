@@ -49,7 +49,7 @@ def talk(one: Node, other: Node, start_ns: int, rounds: int = 4, *, prove: bool 
 
 
 @pytest.mark.parametrize("keys", [True, False])
-def test_two_nodes_believe_each_other_after_one_datagram_each_and_an_answer(keys: bool) -> None:
+def test_two_nodes_accept_each_other_after_answer(keys: bool) -> None:
     one, other = Node(A, 10, keys=keys), Node(B, 20, keys=keys)
     first = other.hear(one.say(0), 0)
     assert (first.accepted, first.soon) == (False, True)
@@ -59,7 +59,7 @@ def test_two_nodes_believe_each_other_after_one_datagram_each_and_an_answer(keys
     assert one.say(SECOND)[2] == other.say(SECOND)[2] == (), "then they say no more about it"
 
 
-def test_no_record_of_former_datagrams_is_believed_after_a_restart() -> None:
+def test_record_of_former_datagrams_is_refused_after_restart() -> None:
     dead, receiver = Node(A, 10), Node(B, 20)
     tape = []
     for step in range(200):
@@ -76,7 +76,7 @@ def test_no_record_of_former_datagrams_is_believed_after_a_restart() -> None:
 
 
 @pytest.mark.parametrize("session", [2**64 - 2, 11, 9, 0])
-def test_another_session_is_believed_when_it_is_proven_and_the_old_one_until_then(session: int) -> None:
+def test_another_session_is_accepted_only_with_proof(session: int) -> None:
     old, receiver = Node(A, 10), Node(B, 20)
     now_ns = talk(old, receiver, 0)
     said_only = Node(A, session)
@@ -93,7 +93,7 @@ def test_another_session_is_believed_when_it_is_proven_and_the_old_one_until_the
     assert receiver.sessions.present(A) == session
 
 
-def test_who_proves_itself_displaces_who_was_only_first_to_say_so() -> None:
+def test_proven_session_displaces_first_claim() -> None:
     receiver = Node(B, 20)
     liar, owner = Node(A, 2**64 - 2), Node(A, 10)
     now_ns = talk(liar, receiver, 0, prove=False)
@@ -108,7 +108,7 @@ def test_who_proves_itself_displaces_who_was_only_first_to_say_so() -> None:
 
 
 @pytest.mark.parametrize("keys", [True, False])
-def test_of_two_computers_with_one_name_one_is_believed_and_the_other_once_it_has_gone(keys: bool) -> None:
+def test_one_of_two_namesakes_is_accepted(keys: bool) -> None:
     receiver = Node(B, 20, keys=keys)
     one, copy = Node(A, 10, keys=keys), Node(A, 30, keys=keys)
     now_ns = talk(one, receiver, 0)
@@ -139,7 +139,7 @@ def test_of_two_computers_with_one_name_one_is_believed_and_the_other_once_it_ha
         assert now_ns - left_ns < 2 * ALIVE_NS
 
 
-def test_a_record_of_an_own_former_session_is_no_second_computer() -> None:
+def test_record_of_own_former_session_is_harmless() -> None:
     before, receiver = Node(A, 9), Node(B, 20)
     talk(before, receiver, 0)
     now = Node(A, 10)
@@ -147,7 +147,7 @@ def test_a_record_of_an_own_former_session_is_no_second_computer() -> None:
         assert not now.hear((A, 9, (SessionCheck(CheckKind.ANSWER, A, digest(9)),)), step * MS).duplicate
 
 
-def test_only_what_names_our_present_session_is_an_answer() -> None:
+def test_only_what_names_our_present_session_is_answer() -> None:
     node = Node(A, 10)
     for check in (
         SessionCheck(CheckKind.ANSWER, A, digest(9)),
@@ -159,7 +159,7 @@ def test_only_what_names_our_present_session_is_an_answer() -> None:
     assert node.hear((B, 20, (SessionCheck(CheckKind.ANSWER, A, digest(10)),)), 0).accepted
 
 
-def test_a_flood_of_sessions_takes_bounded_room_and_bounded_words() -> None:
+def test_flood_of_sessions_is_bounded() -> None:
     node = Node(A, 10)
     answer = (SessionCheck(CheckKind.QUESTION, A, digest(10)),)
     for number in range(3 * CLAIMS_MAX):
@@ -173,7 +173,7 @@ def test_a_flood_of_sessions_takes_bounded_room_and_bounded_words() -> None:
     assert len(node.sessions._present) == PRESENT_MAX
 
 
-def test_one_session_is_asked_at_its_pace_and_hurries_only_at_first() -> None:
+def test_one_session_is_asked_at_its_pace() -> None:
     node = Node(A, 10)
     hurried = sum(node.hear((B, 20, ()), step * MS).soon for step in range(0, 10_000, 5))
     assert hurried == 3
@@ -182,7 +182,7 @@ def test_one_session_is_asked_at_its_pace_and_hurries_only_at_first() -> None:
 SECOND: Final = 1000 * MS
 
 
-def test_over_a_line_alone_a_session_follows_with_a_higher_number_when_the_former_one_is_silent() -> None:
+def test_session_over_line_follows_with_higher_number() -> None:
     receiver = Sessions(B, 20, connections=True)
     answer = (SessionCheck(CheckKind.ANSWER, B, digest(20)),)
 
@@ -198,7 +198,7 @@ def test_over_a_line_alone_a_session_follows_with_a_higher_number_when_the_forme
     assert hear(12, 30 * SECOND, by_network=True).accepted
 
 
-def test_a_node_offers_itself_to_sessions_that_are_new_not_to_those_that_ask_again() -> None:
+def test_node_offers_itself_to_new_sessions_only() -> None:
     one, other = Node(A, 7), Node(B, 8)
     other.hear(one.say(0), 0)
     assert other.meets(), "it answers before it is asked"

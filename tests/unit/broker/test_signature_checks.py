@@ -25,7 +25,7 @@ def fault(sent: SealedBeacon) -> SignatureFault | None:
     return sent.checked(checks_of("uav2")).fault
 
 
-def test_a_beacon_that_its_sender_signed_is_genuine_and_proves_its_values() -> None:
+def test_signed_beacon_is_genuine_and_proves_values() -> None:
     checked = Member("uav1").beacon(5, PERIOD, b"one", b"two").checked(checks_of("uav2"))
     assert checked.is_genuine
     assert checked.proof is not None
@@ -58,7 +58,7 @@ def test_a_signature_holds_for_its_beacon_only(what: str) -> None:
     assert fault(sent._replace(clear=clear, body=body)) is SignatureFault.FALSE
 
 
-def test_a_sender_without_a_known_key_is_unknown_until_its_hello_names_it() -> None:
+def test_sender_without_key_is_unknown_until_hello() -> None:
     stranger = Member("uav9")
     assert fault(stranger.beacon(5, 0)) is SignatureFault.UNKNOWN
     assert fault(stranger.beacon(5, 0, hello=stranger.hello())) is SignatureFault.UNKNOWN, "on no roster"
@@ -71,7 +71,7 @@ def test_a_sender_without_a_known_key_is_unknown_until_its_hello_names_it() -> N
 
 
 @pytest.mark.parametrize(("has_copies", "count"), [(True, 1), (False, 2)])
-def test_the_copy_of_another_medium_is_verified_once_where_there_are_several(
+def test_copy_from_another_medium_is_verified_once(
     monkeypatch: pytest.MonkeyPatch, has_copies: bool, count: int
 ) -> None:
     verified: list[bytes] = []
@@ -88,7 +88,7 @@ def test_the_copy_of_another_medium_is_verified_once_where_there_are_several(
     assert changed.checked(checks).fault is SignatureFault.FALSE
 
 
-def test_a_signature_has_its_stated_size_and_does_not_change_the_rest() -> None:
+def test_signature_has_stated_size_and_changes_nothing() -> None:
     bare = codec.encode(Beacon(rows=(RouteRow(9, 1, 256),)))
     body = Member("uav1").signatures.signed(b"clear", bare, (), 0x1234_0000_0005)
     assert len(body) == len(bare) + PART_BYTES
@@ -99,24 +99,24 @@ def test_a_signature_has_its_stated_size_and_does_not_change_the_rest() -> None:
 
 
 @pytest.mark.parametrize("length", [0, 5, 65, 67])
-def test_a_signature_that_is_cut_short_or_too_long_is_not_a_body(length: int) -> None:
+def test_signature_of_invalid_length_is_not_body(length: int) -> None:
     part = bytes((beacon_signature.SIGNATURE,)) + length.to_bytes(2, "little") + bytes(length)
     with pytest.raises(WireError, match="signature is not its last part"):
         codec.decode(codec.append_statement(codec.encode(Beacon()), part))
 
 
-def test_a_part_behind_the_signature_makes_the_body_invalid() -> None:
+def test_part_behind_signature_makes_body_invalid() -> None:
     body = Member("uav1").signatures.signed(b"clear", codec.encode(Beacon()), (), 0)
     with pytest.raises(WireError, match="signature is not its last part"):
         codec.decode(codec.append_statement(body, bytes((99, 0, 0))))
 
 
-def test_a_beacon_of_an_unknown_session_has_no_valid_signature() -> None:
+def test_beacon_of_unknown_session_has_no_valid_signature() -> None:
     sent = Member("uav1").beacon(5, 0)
     assert fault(sent._replace(header=Header(0, sent.header.sender_hw, 5, 0))) is SignatureFault.FALSE
 
 
-def test_beacons_without_a_known_key_do_not_keep_a_session_that_has_ended() -> None:
+def test_beacons_without_key_do_not_keep_session() -> None:
     own, hw = 5, 9
     sessions = Sessions(1, own, connections=False)
     answer = (SessionCheck(CheckKind.ANSWER, 1, digest(own)),)

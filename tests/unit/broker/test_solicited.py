@@ -69,7 +69,7 @@ def ask_until_down(table: NeighbourTable, peer: Peer, rx_ns: int) -> tuple[list[
     raise AssertionError("never down")
 
 
-def test_a_neighbour_at_rest_is_asked_a_quarter_of_a_period_late_and_lost_within_1_2_s(
+def test_resting_neighbour_is_asked_late_and_lost(
     table: NeighbourTable,
 ) -> None:
     peer, rx_ns = at_rest(table)
@@ -79,7 +79,7 @@ def test_a_neighbour_at_rest_is_asked_a_quarter_of_a_period_late_and_lost_within
     assert TIMEOUT <= down_ns < 1200 * MS
 
 
-def test_one_that_does_not_say_that_it_answers_is_not_asked_and_keeps_its_time(table: NeighbourTable) -> None:
+def test_neighbour_without_answer_flag_is_not_asked(table: NeighbourTable) -> None:
     peer, rx_ns = at_rest(table, answer_ns=0)
     deadline_ns = peer.neighbour.deadline_ns - rx_ns
     asked, down_ns = ask_until_down(table, peer, rx_ns)
@@ -92,7 +92,7 @@ def test_one_that_answers_late_keeps_its_time(table: NeighbourTable) -> None:
     assert ask_until_down(table, peer, rx_ns) == ([], 1250 * MS)
 
 
-def test_one_with_beacons_at_10_hz_is_not_asked(table: NeighbourTable) -> None:
+def test_neighbour_at_10_hz_is_not_asked(table: NeighbourTable) -> None:
     peer, rx_ns = at_rest(table, period_ms=100)
     assert ask_until_down(table, peer, rx_ns) == ([], TIMEOUT)
 
@@ -112,14 +112,14 @@ def test_an_answer_ends_the_requests(table: NeighbourTable) -> None:
     assert peer.is_(LinkState.UP)
 
 
-def test_a_beacon_that_arrives_before_the_request_leaves_is_not_asked_for(table: NeighbourTable) -> None:
+def test_beacon_before_request_is_not_asked_for(table: NeighbourTable) -> None:
     peer, rx_ns = at_rest(table)
     table.advance(rx_ns + 630 * MS)
     peer.datagram(rx_ns + 640 * MS)
     assert table.asked(rx_ns + 650 * MS) == ()
 
 
-def test_a_node_that_sends_no_request_takes_no_link_down_early(table: NeighbourTable) -> None:
+def test_node_without_requests_ends_no_link_early(table: NeighbourTable) -> None:
     """Requests count when they leave, not when they are due."""
     peer, rx_ns = at_rest(table)
     for now_ns in range(rx_ns, rx_ns + 1240 * MS, 10 * MS):
@@ -127,7 +127,7 @@ def test_a_node_that_sends_no_request_takes_no_link_down_early(table: NeighbourT
     assert peer.is_(LinkState.UP)
 
 
-def test_a_link_that_loses_is_asked_later_and_more_often_but_before_its_deadline(
+def test_lossy_link_is_asked_later_and_more_often(
     table: NeighbourTable,
 ) -> None:
     peer, rx_ns = at_rest(table, lost=3)
@@ -161,7 +161,7 @@ def test_a_beacon_asks_a_limited_number_of_neighbours(table: NeighbourTable) -> 
 
 @pytest.mark.parametrize("neighbours", [1, 2, 15, 100])
 @pytest.mark.parametrize("loss", [0.0, 0.01, 0.1, 0.3, 0.6])
-def test_requests_in_vain_are_rare_and_false_alarms_rarer(neighbours: int, loss: float) -> None:
+def test_vain_requests_are_rare_and_false_alarms_rarer(neighbours: int, loss: float) -> None:
     beacons = overdue_beacons(loss, neighbours)
     assert neighbours * max(loss, LOSS_MIN) ** beacons <= SUSPICION
     known = max(loss, 0.0075)
@@ -171,7 +171,7 @@ def test_requests_in_vain_are_rare_and_false_alarms_rarer(neighbours: int, loss:
     assert needed == ASKS_MAX or false_alarm <= FALSE_ALARM / neighbours
 
 
-def test_a_link_whose_other_direction_is_dead_is_asked_as_often_as_any() -> None:
+def test_one_way_dead_link_is_asked_as_often() -> None:
     assert asks(0.3, 1.0, 3, FALSE_ALARM) == ASKS_MAX
 
 
@@ -182,7 +182,7 @@ def topology() -> Topology:
     return Topology(ME, 1, TIMEOUT, 0)
 
 
-def test_a_beacon_says_how_soon_its_sender_answers_and_whom_it_asks() -> None:
+def test_beacon_states_answer_time_and_asked_neighbours() -> None:
     one = topology()
     header = Header(0, UAV2, 5, 0)
     update = one.on_beacon(header, Beacon(HELLO, solicitation=Solicitation(65, (UAV3, ME))), False, AT, 0)
@@ -197,7 +197,7 @@ def test_a_beacon_says_how_soon_its_sender_answers_and_whom_it_asks() -> None:
         assert update.neighbour.answer_ns == 80 * MS, "what it said last"
 
 
-def test_a_restarted_neighbour_may_be_of_a_former_version() -> None:
+def test_restarted_neighbour_may_be_of_former_version() -> None:
     one = topology()
     one.on_beacon(Header(0, UAV2, 5, 0), Beacon(HELLO, solicitation=Solicitation(65)), False, AT, 0)
     update = one.on_beacon(Header(0, UAV2, 6, 0), Beacon(HELLO), True, AT, MS)
@@ -215,7 +215,7 @@ def test_a_solicitation_survives_its_encoding() -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"\x01", b"\x41\x00\x01\x02\x03"])
-def test_a_solicitation_that_is_cut_short_is_a_wire_error(content: bytes) -> None:
+def test_solicitation_that_is_cut_short_is_wire_error(content: bytes) -> None:
     body = codec.encode(Beacon(HELLO))
     part = bytes((11,)) + len(content).to_bytes(2, "little") + content
     with pytest.raises(WireError):

@@ -37,7 +37,7 @@ class Node:
         return self.core.on_beacon(other.hw, other.name, beacon, now_ns)
 
 
-def test_a_node_that_is_asked_sends_its_structure_once_and_every_neighbour_takes_it() -> None:
+def test_asked_node_sends_structure_once_to_all_neighbours() -> None:
     asks, owner, third = (Node(name) for name in NAMES)
     owner.plan()
     assert owner.beacon() == Beacon(), "nobody has asked"
@@ -52,7 +52,7 @@ def test_a_node_that_is_asked_sends_its_structure_once_and_every_neighbour_takes
     assert owner.beacon() == Beacon()
 
 
-def test_a_changed_structure_is_sent_without_a_question_unless_nobody_hears_it() -> None:
+def test_changed_structure_is_sent_without_question() -> None:
     owner = Node("uav2")
     owner.plan()
     owner.plan(digest=12)
@@ -65,7 +65,7 @@ def test_a_changed_structure_is_sent_without_a_question_unless_nobody_hears_it()
     assert part.digest == 13
 
 
-def test_a_node_that_meets_others_offers_its_structure_in_the_next_beacon() -> None:
+def test_node_meeting_others_offers_structure_in_next_beacon() -> None:
     newcomer, owner = Node("uav1"), Node("uav2")
     owner.plan()
     owner.core.offer()
@@ -75,7 +75,7 @@ def test_a_node_that_meets_others_offers_its_structure_in_the_next_beacon() -> N
     assert newcomer.hear(owner, offered) is None, "it has this one"
 
 
-def test_an_offer_without_room_follows_later_and_one_without_a_structure_lapses() -> None:
+def test_offer_without_room_follows_without_structure_lapses() -> None:
     owner, asks = Node("uav2"), Node("uav1")
     owner.core.offer()
     assert owner.beacon() == Beacon()
@@ -86,7 +86,7 @@ def test_an_offer_without_room_follows_later_and_one_without_a_structure_lapses(
     assert asks.hear(owner, owner.beacon()) is not None
 
 
-def test_a_structure_that_came_before_the_tree_needed_it_is_given_to_it_once_without_a_question() -> None:
+def test_early_structure_is_given_to_tree_once() -> None:
     owner, asks = Node("uav2"), Node("uav1")
     owner.plan()
     owner.core.offer()
@@ -96,7 +96,7 @@ def test_a_structure_that_came_before_the_tree_needed_it_is_given_to_it_once_wit
     assert asks.beacon().structure_questions == (UAV2, UAV3), "it may be an older one"
 
 
-def test_a_question_is_repeated_until_the_structure_is_not_needed_any_more() -> None:
+def test_question_is_repeated_until_structure_is_unneeded() -> None:
     asks = Node("uav1")
     asks.plan("uav2", "uav3")
     assert asks.beacon(0).structure_questions == (UAV2, UAV3)
@@ -109,7 +109,7 @@ def test_a_question_is_repeated_until_the_structure_is_not_needed_any_more() -> 
     assert asks.beacon(9 * REPEAT_NS) == Beacon()
 
 
-def test_who_hears_the_question_of_another_node_or_the_answer_does_not_ask() -> None:
+def test_node_receiving_question_or_answer_does_not_ask() -> None:
     first, second, owner = (Node(name) for name in ("uav1", "uav3", "uav2"))
     for node in (first, second):
         node.plan("uav2")
@@ -124,7 +124,7 @@ def test_who_hears_the_question_of_another_node_or_the_answer_does_not_ask() -> 
     assert late.beacon(400) == Beacon(), "its tree takes it in a moment"
 
 
-def test_a_structure_waits_for_a_beacon_with_room_and_questions_are_spread_over_beacons() -> None:
+def test_structure_waits_for_room_and_questions_are_spread() -> None:
     owner = Node("uav2")
     owner.plan(*(f"uav{number}" for number in range(10, 10 + QUESTIONS_MAX + 20)))
     owner.plan(*(f"uav{number}" for number in range(10, 10 + QUESTIONS_MAX + 20)), digest=12)
@@ -138,14 +138,14 @@ def test_a_structure_waits_for_a_beacon_with_room_and_questions_are_spread_over_
     assert len(owner.beacon(room=1200).structure_questions) == 14
 
 
-def test_a_node_without_a_structure_for_beacons_does_not_answer() -> None:
+def test_node_without_structure_for_beacons_does_not_answer() -> None:
     owner = Node("uav2")
     owner.hear(Node("uav1"), Beacon(structure_questions=(UAV2,)))
     assert not owner.core.is_due(0)
     assert owner.beacon() == Beacon()
 
 
-def test_a_structure_is_given_to_the_tree_once_unless_it_needs_it_again() -> None:
+def test_structure_reaches_tree_once_unless_needed_again() -> None:
     owner, asks = Node("uav2"), Node("uav1")
     beacon = Beacon(structure=StructurePart(1, 12, 3, b"changes"))
     assert asks.hear(owner, beacon) is not None
@@ -154,7 +154,7 @@ def test_a_structure_is_given_to_the_tree_once_unless_it_needs_it_again() -> Non
     assert asks.hear(owner, beacon) is not None
 
 
-def test_units_of_a_platform_are_asked_one_by_one() -> None:
+def test_units_of_platform_are_asked_one_by_one() -> None:
     asks = Node("uav1")
     asks.plan("uav2.fc", "uav2")
     assert asks.beacon().structure_questions == (hardware_id("uav2", "fc"), UAV2)
@@ -164,6 +164,6 @@ def test_units_of_a_platform_are_asked_one_by_one() -> None:
     assert found.node == "uav2.fc"
 
 
-def test_the_size_of_what_a_beacon_has_is_that_of_its_bytes() -> None:
+def test_size_of_section_equals_its_bytes() -> None:
     assert BeaconStructures().bytes == 0
     assert BeaconStructures(StructurePart(1, 2, 3, b"12345"), (1, 2)).bytes == 3 + 20 + 5 + 3 + 8

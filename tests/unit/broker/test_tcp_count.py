@@ -40,7 +40,7 @@ def is_shut(client: socket.socket) -> bool:
         return False
 
 
-def test_of_too_many_connections_without_a_key_the_oldest_is_shut(server: Server) -> None:
+def test_oldest_excess_connection_without_key_is_shut(server: Server) -> None:
     count = TcpCount()
     clients = []
     for _ in range(HALF_OPEN_MAX + 10):
@@ -51,7 +51,7 @@ def test_of_too_many_connections_without_a_key_the_oldest_is_shut(server: Server
     assert count.half_open() == HALF_OPEN_MAX
 
 
-def test_who_opens_many_connections_loses_its_own_and_not_those_of_other_addresses(server: Server) -> None:
+def test_excess_connections_are_shut_per_address(server: Server) -> None:
     count = TcpCount()
     member, accepted = server.connection("127.0.0.2")
     count.accept(accepted.fileno())
@@ -72,7 +72,7 @@ def test_what_a_client_sends_proves_no_key(server: Server) -> None:
     assert is_shut(liar)
 
 
-def test_a_client_to_which_the_end_of_a_handshake_went_keeps_its_connection(server: Server) -> None:
+def test_client_after_handshake_keeps_its_connection(server: Server) -> None:
     count = TcpCount()
     member, accepted = server.connection()
     count.accept(accepted.fileno())
@@ -85,7 +85,7 @@ def test_a_client_to_which_the_end_of_a_handshake_went_keeps_its_connection(serv
     assert count.half_open() == HALF_OPEN_MAX
 
 
-def test_an_outgoing_connection_with_the_descriptor_of_a_former_one_is_never_shut(server: Server) -> None:
+def test_outgoing_connection_with_reused_descriptor_is_never_shut(server: Server) -> None:
     count = TcpCount()
     _, accepted = server.connection()
     fd = accepted.fileno()

@@ -22,7 +22,7 @@ def pair() -> Iterator[Ends]:
         yield client, stack.enter_context(listening.accept()[0])
 
 
-def test_the_round_trip_is_measured_before_anything_was_sent(
+def test_round_trip_is_measured_before_anything_was_sent(
     pair: Ends,
 ) -> None:
     delay = TcpSocket(pair[0].fileno()).delay()
@@ -50,7 +50,7 @@ def test_the_limit_bounds_what_the_kernel_takes(pair: Ends) -> None:
     assert taken() > 32 * SIZE_MIN
 
 
-def test_another_socket_with_the_same_descriptor_is_left_alone(
+def test_another_socket_with_same_descriptor_is_left_alone(
     pair: Ends,
 ) -> None:
     client, server = pair
@@ -70,7 +70,7 @@ def test_another_socket_with_the_same_descriptor_is_left_alone(
     assert former.delay() is None
 
 
-def test_what_is_no_tcp_connection_has_no_round_trip() -> None:
+def test_non_tcp_descriptor_has_no_round_trip() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as datagrams:
         assert TcpSocket(datagrams.fileno()).delay() is None
     with Path("/dev/null").open("rb") as file:

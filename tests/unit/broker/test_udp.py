@@ -113,7 +113,7 @@ def ends() -> Iterator[Ends]:
     assert all(timer.cancelled() for timer in ends.loop.timers)
 
 
-def test_after_a_pause_a_datagram_is_taken_at_once(ends: Ends) -> None:
+def test_datagram_after_pause_is_taken_at_once(ends: Ends) -> None:
     for number in range(3):
         ends.send(b"%d" % number)
         assert ends.loop.readable()
@@ -121,7 +121,7 @@ def test_after_a_pause_a_datagram_is_taken_at_once(ends: Ends) -> None:
         ends.loop.later(2 * WINDOW_S)
 
 
-def test_while_datagrams_come_close_together_they_are_taken_together(ends: Ends) -> None:
+def test_datagrams_close_together_are_taken_together(ends: Ends) -> None:
     ends.send(b"1")
     ends.loop.readable()
     ends.loop.later(WINDOW_S / 2)
@@ -139,9 +139,7 @@ def test_while_datagrams_come_close_together_they_are_taken_together(ends: Ends)
 
 
 @pytest.mark.parametrize(("period_s", "window_s"), [(0.1, WINDOW_S), (0.24, WINDOW_S), (0.25, REST_WINDOW_S)])
-def test_they_are_taken_at_multiples_of_a_window_that_is_longer_while_all_beacons_are_slow(
-    ends: Ends, period_s: float, window_s: float
-) -> None:
+def test_datagrams_are_taken_at_multiples_of_window(ends: Ends, period_s: float, window_s: float) -> None:
     ends.udp.set_min_period(round(period_s * 1e9))
     ends.loop.now_s = 100.004
     for _ in range(2):
@@ -157,7 +155,7 @@ def test_they_are_taken_at_multiples_of_a_window_that_is_longer_while_all_beacon
     assert ends.loop.readers == {}, "it is read by the timer alone: one wake for each window"
 
 
-def test_once_the_timer_finds_nothing_the_next_datagram_is_taken_at_once(ends: Ends) -> None:
+def test_datagram_after_empty_timer_is_taken_at_once(ends: Ends) -> None:
     for _ in range(2):
         ends.send(b"x")
         ends.loop.readable()
@@ -169,7 +167,7 @@ def test_once_the_timer_finds_nothing_the_next_datagram_is_taken_at_once(ends: E
     assert ends.got[-1] == b"y"
 
 
-def test_what_was_taken_before_the_timer_keeps_it_running(ends: Ends) -> None:
+def test_datagram_before_timer_keeps_it_running(ends: Ends) -> None:
     for _ in range(2):
         ends.send(b"x")
         ends.loop.readable()
@@ -193,7 +191,7 @@ def test_a_flood_is_taken_without_pauses(ends: Ends) -> None:
     assert len(ends.got) == 2 * TURN + 1
 
 
-def test_what_has_come_can_be_taken_before_the_timer(ends: Ends) -> None:
+def test_arrived_datagram_is_readable_before_timer(ends: Ends) -> None:
     for _ in range(2):
         ends.send(b"x")
         ends.loop.readable()
@@ -202,7 +200,7 @@ def test_what_has_come_can_be_taken_before_the_timer(ends: Ends) -> None:
     assert ends.got[-1] == b"y"
 
 
-def test_a_fault_in_the_taker_does_not_leave_the_sockets_unread(ends: Ends) -> None:
+def test_fault_in_taker_does_not_leave_sockets_unread(ends: Ends) -> None:
     for _ in range(2):
         ends.send(b"x")
         ends.loop.readable()

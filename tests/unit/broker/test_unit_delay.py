@@ -26,7 +26,7 @@ def test_frames_are_delivered_later_and_in_order() -> None:
     run(main)
 
 
-def test_frames_that_are_held_back_at_the_end_are_dropped() -> None:
+def test_frames_held_back_at_end_are_dropped() -> None:
     found: list[int] = []
 
     async def main(loop: VirtualLoop) -> None:
@@ -40,7 +40,7 @@ def test_frames_that_are_held_back_at_the_end_are_dropped() -> None:
 
 
 @pytest.mark.parametrize("delays", [[1.0], [8.0, 2.0], [1.0, 2.0, 3.0]])
-def test_a_delay_has_two_limits_the_shorter_one_first(delays: list[float]) -> None:
+def test_delay_has_two_limits_shorter_one_first(delays: list[float]) -> None:
     with pytest.raises(ConfigError, match=r"unit_delay_ms: .*expected two values"):
         convert({"unit_delay_ms": delays}, Config, "broker.toml")
     assert convert({"unit_delay_ms": [2.0, 8.0]}, Config, "broker.toml").unit_delay_ms == (2.0, 8.0)

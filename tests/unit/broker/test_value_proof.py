@@ -52,7 +52,7 @@ def sent(*values: RelayedValue) -> tuple[RelayedValue, ...]:
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 5])
-def test_each_choice_of_values_leads_to_what_was_signed_over_two_relays(count: int) -> None:
+def test_any_chosen_values_prove_over_two_relays(count: int) -> None:
     everything = relays(count)
     signed = proof_of(everything[0]).signed_content(HW)
     for size in range(1, count + 1):
@@ -69,9 +69,7 @@ def test_each_choice_of_values_leads_to_what_was_signed_over_two_relays(count: i
 @pytest.mark.parametrize(
     ("values", "chosen", "hashes"), [(1, 1, 0), (5, 5, 0), (5, 1, 2), (32, 1, 5), (32, 2, 4), (255, 1, 7)]
 )
-def test_the_size_of_a_proof_grows_with_the_logarithm_of_the_values(
-    values: int, chosen: int, hashes: int
-) -> None:
+def test_size_of_proof_grows_with_logarithm_of_values(values: int, chosen: int, hashes: int) -> None:
     some = relays(values)[-chosen:]
     bare = tuple(RelayedValue(HW, each.data_id, 5, 100, 2, True, b"pose") for each in some)
     size = len(codec.encode(Beacon(relays=some))) - len(codec.encode(Beacon(relays=bare)))
@@ -97,7 +95,7 @@ def test_another_value_leads_to_something_else(other: RelayedValue) -> None:
     assert found.signed_content(HW) != true.signed_content(HW)
 
 
-def test_what_is_signed_names_the_sender_its_session_and_its_beacon() -> None:
+def test_signature_names_sender_session_and_beacon() -> None:
     [relay] = relays(1)
     true = proof_of(relay)
     others = [
@@ -110,7 +108,7 @@ def test_what_is_signed_names_the_sender_its_session_and_its_beacon() -> None:
     assert len(set(others)) == len(others)
 
 
-def test_values_of_two_beacons_and_values_without_a_proof_travel_together() -> None:
+def test_values_with_and_without_proof_travel_together() -> None:
     first, second = relays(3)[:2], relays(2, stamp_us=9)[:1]
     bare = RelayedValue(HW, 7, 5, 100, 2, True, b"pose")
     arrived = sent(*first, *second, bare)
@@ -130,16 +128,14 @@ def test_two_values_for_one_position_are_refused() -> None:
 @pytest.mark.parametrize(
     ("count", "positions", "further"), [(2, [2], 1), (0, [0], 0), (3, [0], 1), (1, [], 0)]
 )
-def test_positions_and_hashes_that_do_not_fit_are_refused(
-    count: int, positions: list[int], further: int
-) -> None:
+def test_mismatched_positions_and_hashes_are_refused(count: int, positions: list[int], further: int) -> None:
     leaves = {position: bytes(HASH_BYTES) for position in positions}
     with pytest.raises(WireError, match="proof of"):
         restore(SESSION, BODY, count, leaves, bytes(HASH_BYTES * further), SIGNATURE)
 
 
 @given(st.binary(max_size=300))
-def test_any_bytes_in_place_of_proofs_are_decoded_or_refused(part: bytes) -> None:
+def test_any_bytes_as_proofs_are_decoded_or_refused(part: bytes) -> None:
     body = codec.encode(Beacon(relays=(RelayedValue(HW, 1, 5, 100, 2, True, b"pose"),)))
     try:
         codec.decode(codec.append_statement(body, b"\x0a" + len(part).to_bytes(2, "little") + part))

@@ -33,25 +33,25 @@ def test_the_question_names_the_address_of_each_platform() -> None:
     assert Pattern(QUESTION.pattern).matches("/gcs/sys/video/open")
 
 
-def test_a_link_of_platforms_with_the_service_has_no_refusal() -> None:
+def test_link_of_platforms_with_service_has_no_refusal() -> None:
     assert named("gcs", listing("gcs")) == []
     assert named("{gcs,uav2}", listing("gcs", "uav2")) == []
     assert named("uav9", listing()) == [], "it may come into reach"
 
 
-def test_of_several_platforms_those_without_the_service_are_named() -> None:
+def test_platforms_without_video_service_are_named() -> None:
     assert named("*", listing("gcs")) == ["/uav2", "/uav3"]
     (one, _) = without_video(SetChannel("sensor/camera", RTP, link="*"), "uav1", listing("gcs"))
     assert "service `video` does not run there" in one.reason
 
 
-def test_where_no_platform_of_the_link_has_the_service_the_rule_is_refused() -> None:
+def test_rule_for_link_without_video_service_is_refused() -> None:
     for known in (listing("uav2"), listing("gcs", quality=Quality.LOST)):
         with pytest.raises(InvalidInput, match=r"link 'gcs': gcs: the service `video` does not run there"):
             named("gcs", known)
 
 
-def test_what_is_not_known_or_not_in_reach_is_not_refused() -> None:
+def test_unknown_or_unreachable_receiver_is_not_refused() -> None:
     assert named("gcs", listing(unknown="gcs")) == []
     assert named("gcs", listing(away="gcs")) == []
     assert named("{gcs,uav2}", listing("gcs", away="uav2")) == []

@@ -16,7 +16,7 @@ def sequences(waiting: WaitingAnswers, *reachable: int, now_ns: int = 0) -> list
     return [one.frame.sequence for one in waiting.take(lambda hw: hw in reachable, now_ns)]
 
 
-def test_answers_go_in_their_order_when_their_receiver_has_a_route() -> None:
+def test_waiting_answers_leave_in_order_with_route() -> None:
     waiting = WaitingAnswers()
     for number, receiver in enumerate((GCS, UAV1, GCS)):
         assert waiting.hold(answer(receiver, number), False, 0)
@@ -34,7 +34,7 @@ def test_an_answer_of_another_node_stays_one() -> None:
 
 
 @pytest.mark.parametrize("kind", [FrameKind.MESSAGE, FrameKind.REQUEST, FrameKind.STREAM, FrameKind.RTP])
-def test_what_its_sender_repeats_or_does_not_need_any_more_does_not_wait(kind: FrameKind) -> None:
+def test_repeated_or_unneeded_answer_does_not_wait(kind: FrameKind) -> None:
     assert not WaitingAnswers().hold(answer(GCS, kind=kind), False, 0)
 
 

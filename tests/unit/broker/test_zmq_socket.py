@@ -28,7 +28,7 @@ async def watched(take: Callable[[Socket], None]) -> AsyncIterator[tuple[ZmqSock
         context.destroy(linger=0)
 
 
-async def test_everything_that_came_at_once_is_taken_in_bounded_turns() -> None:
+async def test_simultaneous_messages_are_taken_in_bounded_turns() -> None:
     got: list[bytes] = []
 
     def take(socket: Socket) -> None:
@@ -43,7 +43,7 @@ async def test_everything_that_came_at_once_is_taken_in_bounded_turns() -> None:
     assert got == sent
 
 
-async def test_a_single_message_is_not_followed_by_an_attempt_that_finds_nothing() -> None:
+async def test_single_message_causes_no_empty_attempt() -> None:
     got: list[bytes] = []
     empty = 0
 

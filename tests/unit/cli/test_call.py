@@ -86,7 +86,7 @@ def test_words_become_a_value_of_the_type(
         (ArmRequest, ("[" * 100_000,), InvalidInput, "nested too deep"),
     ],
 )
-def test_words_that_are_no_value_of_the_type_are_refused_with_their_place(
+def test_words_outside_type_are_refused_with_place(
     cls: type[msgspec.Struct], words: tuple[str, ...], error: type[SwarmError], said: str
 ) -> None:
     with pytest.raises(error) as caught:
@@ -94,7 +94,7 @@ def test_words_that_are_no_value_of_the_type_are_refused_with_their_place(
     assert said in str(caught.value)
 
 
-def test_fields_of_a_type_inside_a_described_type_are_given_by_their_names() -> None:
+def test_nested_fields_are_given_by_name() -> None:
     gust = StructDescription("Gust", (FieldDescription("speed_m_s", "float"),), array=True)
     fields = (FieldDescription("gust", "Gust"), FieldDescription("name", "str"))
     cls = class_of(TypeDescription((StructDescription("Weather", fields, array=True), gust)))
@@ -102,7 +102,7 @@ def test_fields_of_a_type_inside_a_described_type_are_given_by_their_names() -> 
     assert msgspec.msgpack.encode(value) == msgspec.msgpack.encode([[3.0], "7"])
 
 
-async def test_a_request_is_sent_and_its_answer_printed_with_names_and_as_a_document() -> None:
+async def test_request_is_sent_and_answer_printed_with_names() -> None:
     state = VehicleState(True, False)
     session = Recording(command(reply="VehicleState"), state, node="uav1")
     await call_resource(session, "sys/vehicle/arm", ("armed=true",), yes=False)
@@ -114,7 +114,7 @@ async def test_a_request_is_sent_and_its_answer_printed_with_names_and_as_a_docu
     assert (document["path"], document["type"], document["value"]["armed"]) == (ARM, "VehicleState", True)
 
 
-async def test_an_answer_without_fields_is_done_and_a_single_value_is_printed_alone() -> None:
+async def test_answer_without_fields_is_done_single_printed_alone() -> None:
     session = Recording(command(reply="Empty"), Empty())
     await call_resource(session, ARM, ("armed=true",), yes=False)
     assert session.stdout.getvalue() == f"{ARM}: done\n"
@@ -123,7 +123,7 @@ async def test_an_answer_without_fields_is_done_and_a_single_value_is_printed_al
     assert session.stdout.getvalue().strip() == "2.5"
 
 
-async def test_a_request_that_arms_or_silences_asks_first_and_is_not_sent_without_an_answer() -> None:
+async def test_dangerous_request_is_sent_only_after_answer() -> None:
     entry = command(reply="VehicleState", confirm="motors may turn")
     session = Recording(entry, VehicleState(True, False))
     with pytest.raises(click.UsageError, match="call sys/vehicle/arm: motors may turn: expected --yes"):
@@ -133,7 +133,7 @@ async def test_a_request_that_arms_or_silences_asks_first_and_is_not_sent_withou
     assert session.sent == [ArmRequest(True)]
 
 
-async def test_the_reason_of_a_refusal_is_raised_as_the_owners_error() -> None:
+async def test_reason_of_refusal_is_raised_as_owners_error() -> None:
     session = Recording(command(reply="VehicleState"), Denied("uav1: battery low; expected above 20 %"))
     with pytest.raises(Denied, match="battery low"):
         await call_resource(session, ARM, ("armed=true",), yes=False)
@@ -147,7 +147,7 @@ async def test_the_reason_of_a_refusal_is_raised_as_the_owners_error() -> None:
         (Outcome(Status.EXPIRED, "", "no answer"), NoAnswer, "expired: no answer"),
     ],
 )
-async def test_a_command_without_an_answer_gets_a_message_and_its_outcome_is_printed(
+async def test_command_without_answer_prints_outcome_of_message(
     outcome: Outcome, error: type[SwarmError] | None, said: str
 ) -> None:
     session = Recording(command(GOTO, "Goal"), None, outcome)
@@ -185,7 +185,7 @@ async def test_a_command_without_an_answer_gets_a_message_and_its_outcome_is_pri
         ),
     ],
 )
-async def test_what_cannot_be_called_is_refused_before_anything_is_sent(
+async def test_uncallable_resource_is_refused_before_sending(
     entry: TreeEntry, words: tuple[str, ...], error: type[SwarmError], said: str
 ) -> None:
     session = Recording(entry, None)

@@ -81,7 +81,7 @@ def test_a_rate_is_shown_as_it_is_set(rate: str) -> None:
     assert str(options(rate=rate)[0]) == f"--rate {rate}"
 
 
-def test_default_and_auto_take_a_setting_out_of_the_rule() -> None:
+def test_default_and_auto_take_setting_out_of_rule() -> None:
     found, unset = options(rate="default", protocol="auto", buffer="auto", priority="auto")
     assert found == ChannelSettings()
     assert unset == ("max_hz", "protocol", "priority", "buffer_bytes", "buffer_s")
@@ -104,14 +104,14 @@ def test_default_and_auto_take_a_setting_out_of_the_rule() -> None:
         ({"buffer": "2d"}, OutOfRange, "buffer_s"),
     ],
 )
-def test_an_invalid_option_is_refused_before_a_node_is_joined(
+def test_invalid_option_is_refused_before_node_is_joined(
     given: dict[str, str], error: type[Exception], reason: str
 ) -> None:
     with pytest.raises(error, match=reason):
         options(**given)
 
 
-def test_a_time_of_nothing_is_not_taken_for_no_end() -> None:
+def test_zero_time_is_not_taken_as_unlimited() -> None:
     assert (duration_s(""), duration_s("5m")) == (0.0, 300.0)
     for text in ("0s", "2d"):
         with pytest.raises(OutOfRange, match=f"--for {text}: expected more than 0s, at most 24h"):
@@ -123,7 +123,7 @@ def session(**answers: Any) -> ScriptedSession:
     return ScriptedSession(found, node="uav1")
 
 
-async def test_rules_are_printed_with_what_they_do_not_apply_to_by_reason() -> None:
+async def test_rules_are_printed_with_inapplicable_resources_and_reason() -> None:
     refused = tuple(ChannelRefusal(f"nav/{name}", "only its newest value waits") for name in "abcde")
     one = session(set_channel=ChannelLimits(LIMITS.limits, refused))
     await set_channel(one, SetChannel("sensor/**", WHOLE, link="gcs"), yes=False)
@@ -135,7 +135,7 @@ async def test_rules_are_printed_with_what_they_do_not_apply_to_by_reason() -> N
     assert "not for nav/a, nav/b, nav/c and 2 more: only its newest value waits" in one.stderr.getvalue()
 
 
-async def test_undo_and_clear_print_the_rules_that_are_left() -> None:
+async def test_undo_and_clear_print_rules_that_are_left() -> None:
     for act in (undo_channel, lambda one: clear_channels(one, "nav/*")):
         one = session(undo_channel=ChannelLimits(), clear_channels=ChannelLimits())
         await act(one)
@@ -172,7 +172,7 @@ def channels_session(**options: str) -> ScriptedSession:
     return ScriptedSession(answers, node="uav1", **options)
 
 
-async def test_the_state_of_channels_says_what_waits_was_dropped_and_was_saved() -> None:
+async def test_channel_state_shows_waiting_dropped_and_saved() -> None:
     one = channels_session()
     await list_channels(one)
     text = one.stdout.getvalue()
@@ -193,7 +193,7 @@ async def test_the_state_of_channels_says_what_waits_was_dropped_and_was_saved()
     }
 
 
-async def test_channels_show_rate_and_place_where_it_was_set() -> None:
+async def test_channels_show_rate_and_where_set() -> None:
     one = channels_session()
     await list_channels(one)
     lines = [line.split() for line in one.stdout.getvalue().splitlines()]

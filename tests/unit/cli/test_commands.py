@@ -63,14 +63,14 @@ def nobody_can_be_asked(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
     monkeypatch.setenv("SWARM_CONFIG", str(tmp_path))
 
 
-async def test_applications_of_a_platform_without_a_register_are_not_found() -> None:
+async def test_applications_of_platform_without_register_are_not_found() -> None:
     session = ScriptedSession({"/uav1/sys/register/apps": Register()}, node="uav1")
     with pytest.raises(NotFound, match="register of uav1"):
         await list_applications(session)
     assert session.stdout.getvalue() == ""
 
 
-async def test_a_node_is_shown_to_people_and_as_a_document() -> None:
+async def test_node_is_shown_to_people_and_as_document() -> None:
     info = NodeInfo(
         "uav1", "main", PlatformKind.UAV, "multirotor", "0.1.0", 7, 61.0, ("broker",), "/etc/swarm", "one"
     )
@@ -83,7 +83,7 @@ async def test_a_node_is_shown_to_people_and_as_a_document() -> None:
             assert "1m01s" in session.stdout.getvalue()
 
 
-async def test_faults_that_match_nothing_are_an_error_unless_all_were_meant() -> None:
+async def test_unmatched_faults_are_error_unless_all_meant() -> None:
     session = ScriptedSession({"sys/health/clear": FaultList("uav1", 1)})
     await clear_faults(session, "**", yes=True)
     with pytest.raises(NotFound, match="no fault matches age/x"):
@@ -97,7 +97,7 @@ async def test_no_faults_are_talk_and_not_a_result() -> None:
     assert "--cleared" in session.stderr.getvalue()
 
 
-async def test_a_topology_with_a_silent_platform_is_printed_and_partial() -> None:
+async def test_topology_with_silent_platform_is_printed_and_partial() -> None:
     answers = {"/gcs/sys/broker/links": Neighbours(), "/uav1/sys/broker/links": NoAnswer("uav1: silent")}
     session = ScriptedSession(answers, output="json")
     with pytest.raises(Partial, match="1 of 2"):
@@ -106,7 +106,7 @@ async def test_a_topology_with_a_silent_platform_is_printed_and_partial() -> Non
     assert json.loads(session.stderr.getvalue())["warning"] == "uav1: silent"
 
 
-async def test_a_value_is_printed_with_its_unit_and_a_lost_one_with_a_warning() -> None:
+async def test_value_prints_unit_and_lost_value_warning() -> None:
     path = "/uav1/height"
     session = ScriptedSession(
         {f"{GET} {path}": value(path, 1.5, quality=Quality.LOST, age_s=9.0)}, node="uav1"
@@ -117,7 +117,7 @@ async def test_a_value_is_printed_with_its_unit_and_a_lost_one_with_a_warning() 
     assert "lost; this is the last value, 9 s old" in session.stderr.getvalue()
 
 
-async def test_of_several_values_those_that_there_are_are_printed() -> None:
+async def test_available_ones_of_several_values_are_printed() -> None:
     answers = {
         f"{LIST}": listing("/uav1/a", "/uav1/b"),
         f"{GET} /uav1/a": value("/uav1/a", 2.0),
@@ -137,7 +137,7 @@ async def test_resources_are_listed_and_drawn() -> None:
     assert "    └── b\n        └── c  setting Float m" in session.stdout.getvalue()
 
 
-async def test_the_list_has_ages_and_rates_as_the_owners_know_them() -> None:
+async def test_list_has_ages_and_rates_of_owners() -> None:
     here = TreeListing(
         (TreeEntry("/uav1/a", Kind.BOARD, "Float"), TreeEntry("/uav1/b/c", Kind.BOARD, "Float")),
         platforms=(TreePlatform("uav1", True, 2, 1), TreePlatform("gcs", True, 2, 1)),
@@ -156,7 +156,7 @@ async def test_the_list_has_ages_and_rates_as_the_owners_know_them() -> None:
     assert "as seen from gcs" in silent.stderr.getvalue()
 
 
-async def test_a_resource_that_only_its_platform_knows_yet_is_found_with_its_confirmation() -> None:
+async def test_resource_known_to_its_platform_is_found() -> None:
     owner = "/uav1/sys/tree/list"
     answers = {LIST: TreeListing(()), owner: listing(GAIN, confirm="the vehicle may swing")}
     session = ScriptedSession(answers, node="uav1")
@@ -172,7 +172,7 @@ async def test_a_resource_that_only_its_platform_knows_yet_is_found_with_its_con
         await valued(ScriptedSession(unknown, node="uav1"), "config/gain")
 
 
-async def test_a_type_is_shown_with_units_ranges_and_meaning() -> None:
+async def test_type_is_shown_with_units_ranges_and_meaning() -> None:
     session = ScriptedSession({"/gcs/sys/broker/routes": Routes()}, output="table")
     await print_type(session, "BatteryState")
     assert "    current_a        float, A, " in session.stdout.getvalue()
@@ -203,7 +203,7 @@ async def test_a_type_is_shown_with_units_ranges_and_meaning() -> None:
         )
 
 
-async def test_a_value_of_several_fields_has_a_line_for_each_with_unit_and_angles() -> None:
+async def test_value_of_several_fields_has_line_each() -> None:
     path = "/uav1/nav/pose"
     pose = TreeValue(
         path, "Pose", registry.encode(Pose.planar(1.0, 2.0, yaw_rad=1.5707963)), 1, 1, 1, 0.25, Quality.LIVE,
@@ -226,7 +226,7 @@ async def test_a_value_of_several_fields_has_a_line_for_each_with_unit_and_angle
     assert session.document["angles"][""]["yaw_deg"] == pytest.approx(90.0)
 
 
-async def test_a_type_that_is_not_installed_here_is_decoded_by_its_owners_description() -> None:
+async def test_foreign_type_is_decoded_by_owners_description() -> None:
     path = "/uav1/sensor/rain"
     rain = TreeValue(path, "Rain", msgspec.msgpack.encode([1.5, "hail"]), 1, 1, 1, 0.25, Quality.LIVE)
     fields = (FieldDescription("fallen_m", "float"), FieldDescription("of", "str"))
@@ -241,7 +241,7 @@ async def test_a_type_that_is_not_installed_here_is_decoded_by_its_owners_descri
     assert session.document["value"] == [1.5, "hail"], "a list only if nobody describes it"
 
 
-async def test_a_resource_that_wants_a_confirmation_is_not_set_without() -> None:
+async def test_resource_that_wants_confirmation_is_not_set_without() -> None:
     answers = {
         LIST: listing(GAIN, confirm="the vehicle may swing"),
         f"{SET} {GAIN}": TreeSetDone(GAIN, 2, "Float", msgspec.msgpack.encode([1.5]), ("navigator",)),
@@ -256,7 +256,7 @@ async def test_a_resource_that_wants_a_confirmation_is_not_set_without() -> None
 
 
 @pytest.mark.parametrize("verb", [SET, UNDO])
-async def test_a_setting_that_its_application_does_not_take_is_an_error_after_it_was_stored(
+async def test_setting_refused_by_application_is_stored_and_error(
     verb: str,
 ) -> None:
     done = TreeSetDone(
@@ -273,7 +273,7 @@ async def test_a_setting_that_its_application_does_not_take_is_an_error_after_it
     assert "(version 2, in force in guidance" in session.stdout.getvalue()
 
 
-async def test_the_last_change_of_a_setting_is_taken_back_and_both_values_are_printed() -> None:
+async def test_last_setting_change_is_undone_and_printed() -> None:
     answers = {
         LIST: listing(GAIN, confirm="the vehicle may swing"),
         f"{GET} {GAIN}": value(GAIN, 4.0),
@@ -296,7 +296,7 @@ async def test_the_last_change_of_a_setting_is_taken_back_and_both_values_are_pr
     )
 
 
-async def test_a_setting_that_was_not_changed_cannot_be_taken_back() -> None:
+async def test_unchanged_setting_cannot_be_undone() -> None:
     refused = NotFound(f"{GAIN}: was not changed; nothing to undo")
     data = msgspec.msgpack.encode(4.0)
     key = ConfigKey("gain", data, ConfigOrigin.DEFAULT, "float", "m", data, "", live=True)
@@ -312,7 +312,7 @@ async def test_a_setting_that_was_not_changed_cannot_be_taken_back() -> None:
     assert session.stdout.getvalue() == ""
 
 
-async def test_a_mission_is_not_started_before_the_operator_agrees() -> None:
+async def test_mission_is_not_started_before_operator_agrees() -> None:
     plan = MissionPlan("formation", "h", (), (LeftOut("uav2", "battery low"),), ("a parameter is unused",))
     session = ScriptedSession({"sys/mission/plan": plan})
     with pytest.raises(click.UsageError, match="without uav2: they will move"):
@@ -322,7 +322,7 @@ async def test_a_mission_is_not_started_before_the_operator_agrees() -> None:
     assert "a parameter is unused" in session.stderr.getvalue()
 
 
-async def test_a_mission_that_a_platform_refuses_is_partial_and_names_it() -> None:
+async def test_mission_refused_by_platform_is_partial_and_named() -> None:
     orders = (receipt("uav1", accepted=True), receipt("uav2", accepted=False))
     answers = {
         "sys/mission/plan": MissionPlan("formation", "h", ()),
@@ -345,7 +345,7 @@ async def test_a_mission_that_a_platform_refuses_is_partial_and_names_it() -> No
         ("**", None, ""),
     ],
 )
-async def test_a_limit_that_silences_a_vehicle_or_its_barriers_is_confirmed(
+async def test_limit_that_silences_vehicle_is_confirmed(
     pattern: str, max_hz: float | None, asks: str
 ) -> None:
     answers = {
@@ -361,7 +361,7 @@ async def test_a_limit_that_silences_a_vehicle_or_its_barriers_is_confirmed(
     assert "/uav1/sys/broker/set_channel" in session.asked
 
 
-async def test_the_counters_of_senders_that_were_not_accepted_have_a_name() -> None:
+async def test_counters_of_refused_senders_have_name() -> None:
     links = [["uav2", "udp", 1, 90, 2, 180], ["?", "udp", 0, 0, 29, 3984]]
     found = msgspec.convert([0] * 16 + [1.0, [], links], Traffic)
     session = ScriptedSession({"sys/broker/traffic": found})

@@ -140,14 +140,14 @@ def test_a_damaged_cache_offers_nothing_and_says_nothing(content: bytes, cache: 
     assert completion_cache.load()[1] == ["uav1"]
 
 
-def test_another_way_into_the_swarm_forgets_what_was_seen_by_the_former(cache: Path) -> None:
+def test_another_swarm_clears_completions_of_former(cache: Path) -> None:
     completion_cache.save("/etc/swarm", ["gcs", "usv1"], [CachedResource("/usv1/nav/pose", "board", "r")])
     assert len(completion_cache.load()[2]) == len(SEEN) + 2 + 1
     completion_cache.save("/tmp/lab", ["usv1"], [CachedResource("/usv1/nav/pose", "board", "r")])
     assert completion_cache.load() == ("/tmp/lab", ["usv1"], [CachedResource("/usv1/nav/pose", "board", "r")])
 
 
-def test_a_platform_listed_whole_replaces_what_was_known_of_it(cache: Path) -> None:
+def test_fully_listed_platform_replaces_known_paths(cache: Path) -> None:
     completion_cache.save("/etc/swarm", ["uav1"], [CachedResource("/uav1/nav/home", "board", "r")], ["uav1"])
     paths = [row.path for row in completion_cache.load()[2]]
     assert "/uav1/nav/home" in paths
@@ -190,7 +190,7 @@ class Tree(msgspec.Struct):
     path: list[int] = []
 
 
-def test_fields_of_types_inside_types_have_dotted_names_and_their_values() -> None:
+def test_nested_fields_complete_with_dotted_names_and_values() -> None:
     found = field_values(Tree)
     assert found["mode"] == ["a", "b"]
     assert found["left.armed"] == ["true", "false"]
@@ -198,7 +198,7 @@ def test_fields_of_types_inside_types_have_dotted_names_and_their_values() -> No
     assert max(name.count(".") for name in found) == DEPTH
 
 
-def test_a_home_that_cannot_be_written_to_is_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unwritable_home_is_not_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", "/proc/nowhere")
     completion_cache.save("/etc/swarm", ["uav1"], SEEN)
     word_cache.save("/etc/swarm", {"/uav1/nav/pose": "Pose"})
@@ -237,7 +237,7 @@ class Rain(msgspec.Struct):
     heavy: bool
 
 
-def test_the_fields_of_a_type_of_the_user_are_known_before_a_value_was_read(tmp_path: Path) -> None:
+def test_fields_of_user_type_complete_before_reading(tmp_path: Path) -> None:
     described = {"Rain": msgspec.json.encode(describe(Rain)).decode(), "Snow": "[", "Hail": "{}"}
     settings = CliSettings(config="/etc/swarm")
     client = FakeClient("uav1", run_dir=str(tmp_path))

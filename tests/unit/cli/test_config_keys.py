@@ -97,7 +97,7 @@ def no_node(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("SWARM_CONFIG", str(tmp_path))
 
 
-async def test_one_key_is_its_value_and_a_pattern_a_table_with_origins() -> None:
+async def test_one_key_is_value_pattern_is_table() -> None:
     session = Node(TICK, GAIN)
     await print_keys(session, "broker/tick_hz", changed=False)
     assert session.printed == "20\n"
@@ -113,7 +113,7 @@ async def test_one_key_is_its_value_and_a_pattern_a_table_with_origins() -> None
     assert "warning: uav1: /etc/swarm/x.toml: invalid" in session.stderr.getvalue()
 
 
-async def test_the_values_of_live_settings_are_kept_for_completion() -> None:
+async def test_values_of_live_settings_are_kept_for_completion() -> None:
     mode = key("tracker/mode", "fast", "slow", live=True, type="string", unit="", limits="fast, slow")
     await print_keys(Node(TICK, GAIN, mode), "**", changed=False)
     assert word_cache.values_of("config/navigator/altitude_kp", "uav1") == (
@@ -142,14 +142,14 @@ async def test_a_document_has_both_kinds_of_keys() -> None:
     assert [one["key"] for one in session.document["settings"]] == ["broker/tick_hz", "broker/udp_port"]
 
 
-async def test_an_unknown_key_is_an_error_with_a_similar_one() -> None:
+async def test_unknown_key_is_error_with_similar_one() -> None:
     with pytest.raises(NotFound, match=r"has the name 'broker/tik_hz'; did you mean broker/tick_hz\?"):
         await print_keys(Node(TICK, GAIN), "broker/tik_hz", changed=False)
     with pytest.raises(NotFound, match=r"matches 'bogus/\*'; `swarmctl config get` lists"):
         await print_keys(Node(TICK, GAIN), "bogus/*", changed=False)
 
 
-async def test_a_node_without_a_route_is_an_error_and_no_file_is_read_instead() -> None:
+async def test_node_without_route_is_error_without_file() -> None:
     class Lost(Node):
         async def reach(self, platform: str) -> None:
             raise NoAnswer(f"node {platform!r}: known, but gcs has no route to it now")
@@ -184,7 +184,7 @@ async def test_a_key_is_described_with_what_changes_it() -> None:
     assert session.document["settings"][0]["meaning"] == "Rate of the beacon."
 
 
-async def test_a_key_that_only_its_file_changes_is_refused_with_file_key_and_command() -> None:
+async def test_key_of_file_only_is_refused_with_command() -> None:
     session = Node(TICK, GAIN, NAME)
     with pytest.raises(Denied) as refused:
         await set_setting(session, "broker/tick_hz", "5", yes=True)
@@ -207,7 +207,7 @@ async def test_a_key_that_only_its_file_changes_is_refused_with_file_key_and_com
     assert session.changes == []
 
 
-async def test_a_live_setting_is_set_by_either_name_and_reset_to_its_file() -> None:
+async def test_live_setting_is_set_and_reset_by_name() -> None:
     session = Node(TICK, GAIN)
     await set_setting(session, "navigator/altitude_kp", "2.5", yes=True)
     await set_setting(session, "navigator/altitude.kp_1_s", "3.5", yes=True)
@@ -219,7 +219,7 @@ async def test_a_live_setting_is_set_by_either_name_and_reset_to_its_file() -> N
     assert session.printed == f"{KP} = 1.5 (version 4; navigator.toml:7)\n"
 
 
-async def test_a_setting_that_swings_the_vehicle_is_not_reset_without_a_confirmation() -> None:
+async def test_setting_that_swings_vehicle_resets_only_confirmed() -> None:
     session = Node(GAIN)
     entry = TreeEntry(KP, Kind.SETTING, "Float", access="rw", confirm="it may swing")
     session.answers = {LIST: TreeListing((entry,))}
@@ -228,7 +228,7 @@ async def test_a_setting_that_swings_the_vehicle_is_not_reset_without_a_confirma
     assert session.changes == []
 
 
-async def test_the_history_says_who_changed_what_and_where_the_file_was_in_force() -> None:
+async def test_history_names_who_changed_what_and_when() -> None:
     name, second_ns = "navigator/altitude_kp", 1_000_000_000
     changes = (
         ConfigChange(name, AT_NS + second_ns, "swarmctl@uav1", pack(4.0), pack(1.5), overrides=False),
@@ -259,7 +259,7 @@ async def test_the_history_says_who_changed_what_and_where_the_file_was_in_force
         await print_history(session, "bogus/*")
 
 
-async def test_without_another_platform_what_differs_from_the_files_is_printed() -> None:
+async def test_comparison_without_platform_prints_deviations_from_files() -> None:
     session = Node(TICK, PORT, GAIN)
     await diff(session, "")
     assert session.printed.splitlines() == [
@@ -273,7 +273,7 @@ async def test_without_another_platform_what_differs_from_the_files_is_printed()
     assert "the values of its files are in force" in session.stderr.getvalue()
 
 
-async def test_all_keys_are_dumped_and_one_of_a_file_is_loaded_only_with_its_value(tmp_path: Path) -> None:
+async def test_all_keys_are_dumped_and_file_keys_checked(tmp_path: Path) -> None:
     file = tmp_path / "uav1.toml"
     session = Node(TICK, GAIN)
     await dump(session, str(file), files=True)
@@ -290,7 +290,7 @@ async def test_all_keys_are_dumped_and_one_of_a_file_is_loaded_only_with_its_val
     assert session.changes == []
 
 
-def test_the_files_of_a_node_that_does_not_run_are_shown_with_its_stored_settings(tmp_path: Path) -> None:
+def test_stopped_nodes_files_and_stored_settings_are_shown(tmp_path: Path) -> None:
     folder = make_node(tmp_path, services={"navigator": {"altitude": {"kp_1_s": 1.5}}})
     data = tmp_path / "uav1/data"
     data.mkdir()

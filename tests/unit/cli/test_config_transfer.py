@@ -66,7 +66,7 @@ def fill(file: Path, *lines: str) -> None:
     file.write_text("\n".join(lines))
 
 
-async def test_what_was_dumped_can_be_loaded_and_changes_nothing(file: Path) -> None:
+async def test_dumped_settings_load_and_change_nothing(file: Path) -> None:
     session = Owner()
     await dump(session, str(file))
     await load(session, str(file), yes=False)
@@ -102,7 +102,7 @@ async def test_a_file_with_one_unfit_value_sets_nothing(
     assert session.sets == []
 
 
-async def test_a_refused_value_takes_back_those_that_were_set_before_it(file: Path) -> None:
+async def test_refused_value_undoes_values_before_it(file: Path) -> None:
     fill(file, '"navigator/kp" = 2.0', '"navigator/ki" = 3.0')
     session = Owner(refuses=KI)
     with pytest.raises(Denied, match="expected another operator"):

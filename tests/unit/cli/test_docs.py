@@ -70,9 +70,7 @@ def test_the_document_has_path_and_address(
     assert found["opened"] == bool(opened) == (not options)
 
 
-def test_an_unknown_page_is_refused_with_the_nearest_name(
-    site: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_unknown_page_is_refused_with_nearest_name(site: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert swarmctl(["docs", "howto/log"]) == 6
     assert "did you mean 'howto/logs'?" in capsys.readouterr().err
     assert opened == []
@@ -84,7 +82,7 @@ def test_a_page_outside_of_the_site_is_refused(site: Path) -> None:
     assert opened == []
 
 
-def test_a_checkout_without_a_built_site_names_the_command_that_builds_it(
+def test_checkout_without_site_names_building_command(
     share: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (share / "doc").mkdir()
@@ -95,7 +93,7 @@ def test_a_checkout_without_a_built_site_names_the_command_that_builds_it(
     assert str(share / "doc") in error
 
 
-def test_an_installation_without_the_site_says_where_it_would_be(
+def test_installation_without_site_says_where_it_would_be(
     share: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert swarmctl(["docs", "-o", "json"]) == 6

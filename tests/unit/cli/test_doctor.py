@@ -22,7 +22,7 @@ async def examined(config_dir: Path, *checks: str) -> list[CheckResult]:
     return [result for result in results if result.check in checks]
 
 
-async def test_who_was_turned_away_is_said_with_the_address_and_how_often(tmp_path: Path) -> None:
+async def test_refused_senders_are_listed_with_address_and_count(tmp_path: Path) -> None:
     config_dir = make_node(tmp_path)
     async with Module("broker", config_dir=config_dir) as broker:
         denials = broker.stream_writer("net/denials", Denial, kind="event")
@@ -36,7 +36,7 @@ async def test_who_was_turned_away_is_said_with_the_address_and_how_often(tmp_pa
     assert second.text.startswith("observer@uav3: sys/tree/set: 1 times")
 
 
-async def test_a_member_that_forwards_false_frames_is_named_with_what_to_do(tmp_path: Path) -> None:
+async def test_member_forwarding_false_frames_is_named_with_remedy(tmp_path: Path) -> None:
     config_dir = make_node(tmp_path)
     async with Module("broker", config_dir=config_dir) as broker:
         denials = broker.stream_writer("net/denials", Denial, kind="event")
@@ -46,7 +46,7 @@ async def test_a_member_that_forwards_false_frames_is_named_with_what_to_do(tmp_
     assert "revoke it" in found.advice
 
 
-async def test_a_member_that_relays_false_values_is_named_with_what_to_do(tmp_path: Path) -> None:
+async def test_member_relaying_false_values_is_named_with_remedy(tmp_path: Path) -> None:
     config_dir = make_node(tmp_path)
     async with Module("broker", config_dir=config_dir) as broker:
         denials = broker.stream_writer("net/denials", Denial, kind="event")
@@ -56,7 +56,7 @@ async def test_a_member_that_relays_false_values_is_named_with_what_to_do(tmp_pa
     assert "unless other nodes deny one from which it takes these values" in found.advice
 
 
-def test_the_file_of_access_rules_is_checked_with_its_line(tmp_path: Path) -> None:
+def test_file_of_access_rules_is_checked_by_line(tmp_path: Path) -> None:
     config_dir = make_node(tmp_path)
 
     def found() -> CheckResult:
@@ -70,7 +70,7 @@ def test_the_file_of_access_rules_is_checked_with_its_line(tmp_path: Path) -> No
     assert [problem for problem in effective_config(config_dir, {}, {}).problems if "admiral" in problem]
 
 
-async def test_the_many_that_were_turned_away_are_counted_and_not_all_listed(tmp_path: Path) -> None:
+async def test_many_refused_senders_are_counted_not_listed(tmp_path: Path) -> None:
     config_dir = make_node(tmp_path)
     async with Module("broker", config_dir=config_dir) as broker:
         denials = broker.stream_writer("net/denials", Denial, kind="event")
@@ -81,7 +81,7 @@ async def test_the_many_that_were_turned_away_are_counted_and_not_all_listed(tmp
     assert found[-1].text == "24 times in 12 other cases"
 
 
-async def test_confirmed_faults_of_the_node_are_shown_with_what_was_seen(tmp_path: Path) -> None:
+async def test_confirmed_faults_are_shown_with_observation(tmp_path: Path) -> None:
     config_dir = make_node(tmp_path)
     full = Fault("logger/disk", "full", "warn", Phase.CONFIRMED, 1, 2, 1, "/data/log: no space left")
     away = Fault("age/nav/pose", "lost", "error", Phase.CONFIRMED, 1, 2, 1, "3.1", "none for 3 s")
@@ -105,7 +105,7 @@ async def test_confirmed_faults_of_the_node_are_shown_with_what_was_seen(tmp_pat
     assert [(one.verdict, one.check) for one in well] == [("ok", "faults")]
 
 
-async def test_faults_of_the_other_computers_of_a_platform_are_shown_with_their_name(tmp_path: Path) -> None:
+async def test_faults_of_other_computers_show_their_name(tmp_path: Path) -> None:
     config_dir = make_node(tmp_path)
     routes = (RouteState("uav1", 1, "uav1.fc", 256, 1, 1, 0, "fc"), RouteState("gcs", 1, "gcs", 256, 1, 1, 0))
     fault = Fault("app/hal", "died", "error", Phase.CONFIRMED, 1, 2, 1, "exit code 9")
@@ -122,7 +122,7 @@ async def test_faults_of_the_other_computers_of_a_platform_are_shown_with_their_
     assert other.text.startswith("uav1.fc: ")
 
 
-async def test_a_monitor_that_does_not_answer_is_an_error(tmp_path: Path) -> None:
+async def test_monitor_that_does_not_answer_is_error(tmp_path: Path) -> None:
     config_dir = make_node(tmp_path)
     async with Module("health", config_dir=config_dir):
         (found,) = await examined(config_dir, "fault", "faults")
@@ -130,7 +130,7 @@ async def test_a_monitor_that_does_not_answer_is_an_error(tmp_path: Path) -> Non
     assert "sys/health/faults" in found.text
 
 
-async def test_members_without_a_route_are_named_with_what_to_do(tmp_path: Path) -> None:
+async def test_members_without_route_are_named_with_remedy(tmp_path: Path) -> None:
     config_dir = make_node(tmp_path)
     members = tuple(
         RosterMemberState(name, "node", serial, revoked=name == "uav4")
@@ -149,7 +149,7 @@ async def test_members_without_a_route_are_named_with_what_to_do(tmp_path: Path)
         assert (found.verdict, found.text) == ("ok", "all 2 other members are reached")
 
 
-async def test_a_flight_loop_without_real_time_scheduling_is_a_warning_with_what_to_do(
+async def test_flight_loop_without_real_time_is_warning(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     config_dir = make_node(tmp_path / "plain", airframe="quad_1k5")
@@ -165,7 +165,7 @@ async def test_a_flight_loop_without_real_time_scheduling_is_a_warning_with_what
         assert (found.verdict, found.text) == ("ok", "hal: SCHED_FIFO 50")
 
 
-async def test_a_flight_loop_that_is_refused_its_scheduling_is_told_apart(tmp_path: Path) -> None:
+async def test_flight_loop_with_refused_scheduling_is_distinguished(tmp_path: Path) -> None:
     config_dir = make_node(
         tmp_path, airframe="quad_1k5", services={"hal": {}}, realtime={"services": {"hal": 50}}
     )
@@ -174,13 +174,13 @@ async def test_a_flight_loop_that_is_refused_its_scheduling_is_told_apart(tmp_pa
     assert found.text == "hal runs without the real-time scheduling that node.toml declares"
 
 
-async def test_a_vehicle_without_an_airframe_has_no_flight_loop(tmp_path: Path) -> None:
+async def test_vehicle_without_airframe_has_no_flight_loop(tmp_path: Path) -> None:
     config_dir = make_node(tmp_path)
     async with Module("hal", config_dir=config_dir):
         assert await examined(config_dir, "flight loop") == []
 
 
-async def test_a_file_that_is_none_among_the_applications_is_named(tmp_path: Path) -> None:
+async def test_invalid_file_among_applications_is_named(tmp_path: Path) -> None:
     config_dir = make_node(tmp_path)
     async with Module("planner", config_dir=config_dir) as planner:
         strange = planner.node.run_dir / "apps/x#1.toml"

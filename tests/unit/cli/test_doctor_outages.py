@@ -23,18 +23,18 @@ def told(monkeypatch: pytest.MonkeyPatch, *outages: LinkOutage) -> list[tuple[st
     return [(one.verdict, one.text) for one in found]
 
 
-def test_lost_links_are_named_with_their_time_the_longest_first() -> None:
+def test_lost_links_are_named_longest_first() -> None:
     found = [outage("uav1", 5, OutagePhase.LOST), outage("uav3", 4), outage("uav2", 80, OutagePhase.LOST)]
     assert lost_links(found, NOW_NS) == ["uav2 for 80 s", "uav1 for 5 s"]
 
 
-def test_a_link_that_is_lost_again_and_again_does_not_hold() -> None:
+def test_repeatedly_lost_link_does_not_hold() -> None:
     found = [outage("uav1", ago_s) for ago_s in (10, 200, 599)] + [outage("uav2", 10)] * 2
     assert unsteady_links(found, NOW_NS) == ["uav1: 3 outages, 12 s in all"]
     assert unsteady_links([outage("uav1", ago_s) for ago_s in (10, 200, 601)], NOW_NS) == []
 
 
-def test_one_outage_is_told_and_only_several_are_a_warning(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_outage_is_reported_several_are_warning(monkeypatch: pytest.MonkeyPatch) -> None:
     assert told(monkeypatch) == []
     assert told(monkeypatch, outage("uav1", 5)) == [("ok", "links lost now: none (swarmctl link outages)")]
     ((verdict, text),) = told(monkeypatch, outage("uav2", 7, OutagePhase.LOST))

@@ -29,7 +29,7 @@ def leaves(group: click.Group, ctx: click.Context, words: tuple[str, ...] = ()) 
             yield " ".join((*words, name))
 
 
-def test_every_command_has_a_schema_or_prints_no_document() -> None:
+def test_every_command_has_schema_or_prints_no_document() -> None:
     known = {re.sub(" [A-Z]+$", "", command) for command in documents.DOCUMENTS} - {"message", "nodes"}
     assert set(leaves(cli, click.Context(cli))) == known | documents.NO_DOCUMENT
 
@@ -40,7 +40,7 @@ def test_a_shipped_schema_is_that_of_the_code(name: str) -> None:
     assert json.loads((SHIPPED / name).read_text()) == SCHEMAS[name], "`make docs` writes it"
 
 
-def test_no_schema_is_shipped_of_a_command_that_is_gone() -> None:
+def test_no_schema_of_removed_command_is_shipped() -> None:
     assert {path.name for path in SHIPPED.iterdir()} == set(SCHEMAS)
 
 
@@ -64,9 +64,7 @@ def test_the_form_of_a_value_matches_its_schema() -> None:
         ["topo", "--dot", "--output=json"],
     ],
 )
-def test_an_error_is_json_when_the_result_would_be(
-    words: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_error_is_json_when_result_would_be(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     code = swarmctl(words)
     shown = capsys.readouterr()
     assert shown.out == ""

@@ -81,7 +81,7 @@ def observed(monkeypatch: pytest.MonkeyPatch) -> list[MissionAbort]:
     return ordered
 
 
-async def test_an_idle_node_is_drained_at_once_and_undrained() -> None:
+async def test_idle_node_is_drained_at_once_and_undrained() -> None:
     for output in ("table", "json"):
         session = Vehicle(IDLE, output=output)
         await draining.drain(session, 1.0, now=False, yes=False)
@@ -101,7 +101,7 @@ async def test_an_idle_node_is_drained_at_once_and_undrained() -> None:
         assert "takes missions" in again.stdout.getvalue()
 
 
-async def test_a_drain_waits_for_the_end_of_the_running_mission(observed: list[MissionAbort]) -> None:
+async def test_drain_waits_for_end_of_running_mission(observed: list[MissionAbort]) -> None:
     session = Vehicle(RUNNING, RUNNING, IDLE)
     await draining.drain(session, 5.0, now=False, yes=False)
     assert "its mission formation still runs" in session.stderr.getvalue()
@@ -109,14 +109,14 @@ async def test_a_drain_waits_for_the_end_of_the_running_mission(observed: list[M
     assert observed == []
 
 
-async def test_a_mission_that_does_not_end_in_time_is_an_error_and_the_node_stays_drained() -> None:
+async def test_mission_overtime_is_error_and_node_stays_drained() -> None:
     session = Vehicle(RUNNING)
     with pytest.raises(NoAnswer, match="uav1: drained, but its mission has not ended within 5 s"):
         await draining.drain(session, 5.0, now=False, yes=False)
     assert session.drained_by == "ann@gcs"
 
 
-async def test_a_running_mission_is_ended_only_after_a_confirmation(
+async def test_running_mission_is_ended_only_after_confirmation(
     observed: list[MissionAbort], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     refused = Vehicle(RUNNING)
@@ -130,7 +130,7 @@ async def test_a_running_mission_is_ended_only_after_a_confirmation(
 
 
 @pytest.mark.parametrize("verb", ["drain", "undrain"])
-def test_the_joined_node_is_not_meant_where_none_is_named(verb: str) -> None:
+def test_unnamed_node_is_not_the_joined_one(verb: str) -> None:
     assert swarmctl(["node", verb]) == click.UsageError.exit_code
 
 
@@ -168,9 +168,7 @@ class Silent(ScriptedSession):
 
 @pytest.mark.parametrize("route", [False, True])
 @pytest.mark.parametrize("kept", [False, True])
-async def test_a_node_that_does_not_answer_is_shown_with_its_reason_and_last_state(
-    route: bool, kept: bool
-) -> None:
+async def test_unanswering_node_is_shown_with_last_state(route: bool, kept: bool) -> None:
     session = Silent(route=route, kept=kept, output="json")
     with pytest.raises(NoAnswer) as caught:
         await show_node(session)
@@ -187,14 +185,12 @@ async def test_a_node_that_does_not_answer_is_shown_with_its_reason_and_last_sta
 
 
 @pytest.mark.parametrize(("silent_s", "since_s"), [(None, 12.5), (3.0, 3.0), (40.0, 12.5)])
-async def test_a_vehicle_is_lost_since_its_last_beacon_not_since_its_last_change(
-    silent_s: float | None, since_s: float
-) -> None:
+async def test_vehicle_is_lost_since_its_last_beacon(silent_s: float | None, since_s: float) -> None:
     session = Silent(route=False, silent_s=silent_s)
     assert (await last_words(session, "uav1")).seen_s == since_s
 
 
-async def test_the_document_of_a_node_is_of_one_form_whether_it_answers_or_not() -> None:
+async def test_document_of_node_has_one_form() -> None:
     info = NodeInfo(
         "uav1", "main", PlatformKind.UAV, "multirotor", "0.1", 2**60, 1.0, (), "/etc/swarm", "one"
     )

@@ -29,7 +29,7 @@ def said(**neighbours: list[NeighbourState]) -> dict[str, Neighbours]:
     return {platform: Neighbours(tuple(found)) for platform, found in neighbours.items()}
 
 
-def test_a_tree_is_drawn_in_the_order_of_people() -> None:
+def test_tree_is_drawn_in_order_of_people() -> None:
     entries = [
         TreeEntry("/uav10/nav/pose", Kind.BOARD, "Pose", rate_hz=20.0, quality=Quality.LIVE),
         TreeEntry("/uav2/nav", Kind.BRANCH, "", description="Where it is"),
@@ -48,7 +48,7 @@ def test_a_tree_is_drawn_in_the_order_of_people() -> None:
     ]
 
 
-def test_each_pair_is_one_edge_with_the_loss_of_either_way() -> None:
+def test_each_pair_is_one_edge_with_loss() -> None:
     found = edges(said(gcs=[heard("uav1", loss_in=0.25)], uav1=[heard("gcs", loss_in=0.5)]))
     assert [(e.a, e.b, e.loss_ab_ratio, e.loss_ba_ratio, e.both) for e in found] == [
         ("gcs", "uav1", 0.5, 0.25, True)
@@ -60,7 +60,7 @@ def test_what_only_one_side_says_still_counts() -> None:
     assert (edge.loss_ab_ratio, edge.loss_ba_ratio) == (0.2, 0.1)
 
 
-def test_a_half_open_link_is_dashed_and_one_that_is_down_is_none() -> None:
+def test_half_open_link_is_dashed_and_down_absent() -> None:
     found = edges(
         said(
             gcs=[heard("uav1", state="half_open"), heard("uav2", state="down"), heard("", state="heard")],
@@ -73,7 +73,7 @@ def test_a_half_open_link_is_dashed_and_one_that_is_down_is_none() -> None:
     assert '"uav2";' in dot
 
 
-def test_computers_of_a_platform_are_nodes_of_their_own_and_one_between_platforms() -> None:
+def test_computers_of_platform_are_separate_nodes() -> None:
     answers = {
         "gcs": Neighbours((heard("uav1", loss_in=0.5), heard("uav1", unit="fc", loss_in=0.25))),
         "uav1": Neighbours((heard("gcs", loss_in=0.5), heard("uav1", unit="fc"))),
@@ -90,7 +90,7 @@ def test_edges_stand_in_the_order_of_numbers() -> None:
     assert [(e.a, e.b) for e in found] == [("uav2", "uav10"), ("uav9", "uav10")]
 
 
-def test_a_picture_is_written_also_of_a_node_alone(tmp_path: Path) -> None:
+def test_picture_is_written_also_of_node_alone(tmp_path: Path) -> None:
     target = tmp_path / "graph.png"
     to_png({"gcs": PlatformKind.GCS}, [], str(target))
     assert target.read_bytes().startswith(b"\x89PNG")
@@ -118,7 +118,7 @@ class Axes:
         return lambda *_words, **_look: None
 
 
-def test_a_topology_is_drawn_clockwise_with_weaker_lines_for_worse_links() -> None:
+def test_topology_is_clockwise_with_weaker_bad_links() -> None:
     axes = Axes()
     kinds = {"gcs": PlatformKind.GCS, "uav1": PlatformKind.UAV, "x": PlatformKind("boat")}
     links = [
@@ -134,6 +134,6 @@ def test_a_topology_is_drawn_clockwise_with_weaker_lines_for_worse_links() -> No
     assert best > poor > worst > 0
 
 
-def test_the_kind_of_a_platform_is_what_its_neighbours_know() -> None:
+def test_kind_of_platform_is_what_its_neighbours_know() -> None:
     answers = said(gcs=[heard("uav1")])
     assert graph.kinds(["gcs", "uav1"], answers) == {"gcs": "", "uav1": PlatformKind.UAV}

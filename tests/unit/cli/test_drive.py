@@ -71,14 +71,14 @@ def test_each_key_commands_its_axis(key: str, setpoint: Setpoint) -> None:
     assert keyboard.setpoint(10.1) == setpoint
 
 
-def test_a_key_acts_until_the_terminal_would_have_repeated_it() -> None:
+def test_key_acts_until_terminal_would_have_repeated_it() -> None:
     keyboard = Keyboard(RATES)
     keyboard.on_text("w", 10.0)
     assert keyboard.setpoint(10.0 + FIRST_S) == Setpoint(2.0)
     assert keyboard.setpoint(10.01 + FIRST_S) == Setpoint(0.0)
 
 
-def test_a_held_key_that_is_released_acts_for_a_quarter_of_a_second() -> None:
+def test_released_key_acts_for_quarter_of_second() -> None:
     keyboard = Keyboard(RATES)
     for number in range(20):
         keyboard.on_text("w", 10.0 + 0.03 * number)
@@ -88,7 +88,7 @@ def test_a_held_key_that_is_released_acts_for_a_quarter_of_a_second() -> None:
 
 
 @pytest.mark.parametrize("text", [" ", "\x1b[O"])
-def test_space_and_a_lost_focus_stop_the_vehicle_at_once(text: str) -> None:
+def test_space_and_lost_focus_stop_vehicle_at_once(text: str) -> None:
     keyboard = Keyboard(RATES)
     keyboard.on_text("wr", 10.0)
     keyboard.on_text(text, 10.05)
@@ -103,7 +103,7 @@ def test_keys_that_release_the_vehicle(text: str) -> None:
     assert keyboard.ended
 
 
-def test_the_newest_key_of_an_axis_counts_and_axes_combine() -> None:
+def test_newest_key_of_axis_counts_and_axes_combine() -> None:
     keyboard = Keyboard(RATES)
     keyboard.on_text("wsr", 10.0)
     assert keyboard.setpoint(10.1) == Setpoint(-2.0, 0.0, 0.5)
@@ -175,7 +175,7 @@ async def test_the_stick_is_asked_for_used_and_released() -> None:
     assert module.asked[-1][1].event is DriveEvent.RELEASE
 
 
-async def test_a_refused_stick_has_the_name_of_its_holder() -> None:
+async def test_refused_stick_has_name_of_its_holder() -> None:
     session, module = stick_session()
     module.reply = Denied("drive: anna@gcs has the stick; --take takes the stick")
     with pytest.raises(Denied, match="anna@gcs has the stick"):
@@ -185,7 +185,7 @@ async def test_a_refused_stick_has_the_name_of_its_holder() -> None:
         await Stick.request(session, "uav1", take=False)
 
 
-async def test_a_slow_link_does_not_queue_old_set_points() -> None:
+async def test_slow_link_does_not_queue_old_set_points() -> None:
     session, module = stick_session()
     stick = await Stick.request(session, "uav1", take=False)
     module.answering.clear()
@@ -219,7 +219,7 @@ async def test_an_operator_who_lost_the_stick_learns_why(state: ControlState | N
     assert len(module.asked) == asked + (not reason)  # another one's vehicle is not released
 
 
-async def test_driving_without_a_terminal_is_refused_before_anything_is_asked(
+async def test_driving_without_terminal_is_refused_first(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async def known(session: Session) -> dict[str, PlatformKind]:
@@ -235,7 +235,7 @@ async def test_driving_without_a_terminal_is_refused_before_anything_is_asked(
     assert module.asked == []
 
 
-def test_the_line_has_mode_age_and_what_the_vehicle_does() -> None:
+def test_line_has_mode_age_and_what_vehicle_does() -> None:
     text = line("uav1", MINE, 0.12, "flying 3.1 m armed", Setpoint(1.0))
     assert text.startswith("uav1 manual · answered 0.1 s ago · flying 3.1 m armed · forward +1.0")
     assert "NO ANSWER for 2.0 s: it holds" in line("uav1", MINE, 2.0, "", Setpoint(0.0))
@@ -255,9 +255,7 @@ def test_the_line_has_mode_age_and_what_the_vehicle_does() -> None:
         (sight(vehicle=None, pose=None), False, False),
     ],
 )
-def test_takeoff_and_goto_are_done_when_the_vehicle_is_seen_there(
-    seen: VehicleSnapshot, up: bool, there: bool
-) -> None:
+def test_takeoff_and_goto_end_when_vehicle_arrives(seen: VehicleSnapshot, up: bool, there: bool) -> None:
     assert risen_to(5.0)(seen) is up
     assert arrived_at(3.0, 4.0, 5.0)(seen) is there
     assert arrived_at(3.0, 4.0, None)(sight(vehicle=UP, pose=Pose.planar(3.0, 4.0, 50.0)))
@@ -297,7 +295,7 @@ class Asked:
         monkeypatch.setattr(requests, "_poses", poses)
 
 
-async def test_one_vehicle_takes_off_without_a_question_and_several_only_with_an_answer(
+async def test_only_several_takeoffs_ask_for_confirmation(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     session = ScriptedSession({})
@@ -317,7 +315,7 @@ async def test_one_vehicle_takes_off_without_a_question_and_several_only_with_an
         await requests.take_off(session, ("ugv1",), 4.0, 1.0, "test", 60.0, yes=True)
 
 
-async def test_goto_moves_each_vehicle_by_a_displacement_and_one_to_a_place(
+async def test_goto_displaces_each_vehicle_or_places_one(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     session = ScriptedSession({})
@@ -332,7 +330,7 @@ async def test_goto_moves_each_vehicle_by_a_displacement_and_one_to_a_place(
     assert asked.orders["uav1"].params == {"x_m": 1.0, "y_m": 2.0, "speed_m_s": 1.5}
 
 
-async def test_a_refused_manoeuvre_is_raised_for_one_vehicle_and_listed_for_several(
+async def test_refused_manoeuvre_is_raised_or_listed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     async def follow(session: Session, what: str, chosen: Any, done: Any, send: Any, wait_s: float) -> Any:

@@ -63,7 +63,7 @@ def messages(path: Path) -> list[tuple[str, str, dict[str, Any], Any]]:
     return found
 
 
-def test_json_lines_are_a_document_each_with_wide_integers_as_text(tmp_path: Path) -> None:
+def test_json_lines_hold_wide_integers_as_text(tmp_path: Path) -> None:
     target = tmp_path / "x.jsonl"
     assert export(entries(), "jsonl", str(target)) == 3
     lines = [json.loads(line) for line in target.read_text().splitlines()]
@@ -76,7 +76,7 @@ def test_json_lines_are_a_document_each_with_wide_integers_as_text(tmp_path: Pat
     assert (lines[2]["stamp_ns"], lines[2]["utc_ns"]) == ("15", str(UTC + 3))
 
 
-def test_a_table_has_the_columns_of_its_type_alone(tmp_path: Path) -> None:
+def test_table_has_columns_of_its_type_alone(tmp_path: Path) -> None:
     target = tmp_path / "tables/"
     target.mkdir()
     assert export(entries(), "csv", str(target)) == 3
@@ -88,7 +88,7 @@ def test_a_table_has_the_columns_of_its_type_alone(tmp_path: Path) -> None:
     assert [row["voltage_v"] for row in rows] == ["11.1", "11.0"]
 
 
-def test_one_type_is_a_file_and_several_need_a_folder(tmp_path: Path) -> None:
+def test_one_type_is_file_several_need_folder(tmp_path: Path) -> None:
     target = tmp_path / "x.csv"
     battery = [one for one in entries() if one.type == "BatteryState"]
     assert export(iter(battery), "csv", str(target)) == 2
@@ -100,7 +100,7 @@ def test_one_type_is_a_file_and_several_need_a_folder(tmp_path: Path) -> None:
     assert not target.exists()
 
 
-def test_no_column_of_a_table_has_the_name_of_another(tmp_path: Path) -> None:
+def test_no_column_of_table_has_name_of_another(tmp_path: Path) -> None:
     from swarmware.types.log import GapCause, LogGap
 
     target = tmp_path / "gaps.csv"
@@ -120,7 +120,7 @@ class Tally(msgspec.Struct, frozen=True):
     valid: bool = True
 
 
-def test_integers_are_numbers_that_viewers_plot_and_identities_are_text(tmp_path: Path) -> None:
+def test_plotted_integers_are_numbers_and_identities_text(tmp_path: Path) -> None:
     wide = 2**60 + 1
     export(iter([entry("a/tally", Tally(wide, -wide, wide), 1)]), "mcap", f"{tmp_path}/x.mcap")
     ((_, _, content, _),) = messages(tmp_path / "x.mcap")
@@ -129,7 +129,7 @@ def test_integers_are_numbers_that_viewers_plot_and_identities_are_text(tmp_path
     assert kinds == {"photons": "integer", "late_ns": "integer", "digest": "string", "valid": "boolean"}
 
 
-def test_a_renamed_field_has_the_name_of_its_schema_in_every_export(tmp_path: Path) -> None:
+def test_renamed_field_keeps_schema_name_in_exports(tmp_path: Path) -> None:
     seen = [entry("camera/sighting", Sighting(2, "heron"), 1)]
     for form in ("csv", "jsonl", "mcap"):
         export(iter(seen), form, f"{tmp_path}/x.{form}")
@@ -152,7 +152,7 @@ def test_a_parquet_table_has_typed_columns(tmp_path: Path) -> None:
     assert table.column("stamp_ns").to_pylist() == [5, 10]
 
 
-def test_a_recording_has_the_fields_of_each_type_and_both_times_in_utc(tmp_path: Path) -> None:
+def test_recording_has_fields_and_both_times_utc(tmp_path: Path) -> None:
     target = tmp_path / "x.mcap"
     assert export(entries(), "mcap", str(target)) == 3
     found = messages(target)
@@ -170,7 +170,7 @@ def test_a_recording_has_the_fields_of_each_type_and_both_times_in_utc(tmp_path:
     }
 
 
-def test_bytes_are_base64_in_a_recording_and_its_schema_says_so(tmp_path: Path) -> None:
+def test_bytes_are_base64_in_recording_and_schema(tmp_path: Path) -> None:
     export(iter([entry("sensor/raw", Blob(b"\x00\xff"), 1)]), "mcap", f"{tmp_path}/x.mcap")
     ((_, _, content, _),) = messages(tmp_path / "x.mcap")
     assert base64.b64decode(content["value"]) == b"\x00\xff"
@@ -187,7 +187,7 @@ export(flight(), "mcap", "-")
 """
 
 
-def test_a_recording_is_written_to_a_pipe_and_to_a_redirected_file(tmp_path: Path) -> None:
+def test_recording_is_written_to_pipe_and_file(tmp_path: Path) -> None:
     export(flight(), "mcap", f"{tmp_path}/x.mcap")
     expected = (tmp_path / "x.mcap").read_bytes()
     piped = subprocess.run([sys.executable, "-c", WRITE], check=True, capture_output=True)
@@ -198,7 +198,7 @@ def test_a_recording_is_written_to_a_pipe_and_to_a_redirected_file(tmp_path: Pat
     assert len(messages(tmp_path / "redirected.mcap")) == len(messages(tmp_path / "x.mcap")) > 9
 
 
-def test_panels_of_foxglove_get_poses_fixes_points_images_and_log_lines(tmp_path: Path) -> None:
+def test_foxglove_panels_get_poses_points_images_and_logs(tmp_path: Path) -> None:
     target = tmp_path / "x.mcap"
     assert export(flight(), "mcap", str(target)) == 9
     shown = {topic: (name, content) for topic, name, content, _ in messages(target) if "foxglove" in topic}
@@ -230,7 +230,7 @@ def test_panels_of_foxglove_get_poses_fixes_points_images_and_log_lines(tmp_path
     assert (line["level"], line["message"]) == (4, "battery low (confirmed): Battery: 11.0 V")
 
 
-def test_poses_are_on_the_map_panel_where_the_origin_of_their_map_is_known(tmp_path: Path) -> None:
+def test_poses_are_on_map_with_known_origin(tmp_path: Path) -> None:
     origin = Origin(lat_deg=48.0, lon_deg=11.0, alt_ellipsoid_m=500.0)
     poses = [
         entry("nav/pose", Pose(74.4, 111.2, 20.0), 1),
@@ -250,7 +250,7 @@ def test_poses_are_on_the_map_panel_where_the_origin_of_their_map_is_known(tmp_p
     assert (message.log_time, message.publish_time) == (UTC + 1, UTC - 999)
 
 
-def test_the_origin_is_that_of_the_world_in_the_configuration_of_the_node(
+def test_origin_comes_from_world_of_node_configuration(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = make_node(tmp_path, services={"navigator": {"world": "field"}})
@@ -264,7 +264,7 @@ def test_the_origin_is_that_of_the_world_in_the_configuration_of_the_node(
     assert "no position of uav2 on the map panel" in capsys.readouterr().err
 
 
-def test_the_schema_of_every_registered_type_has_one_type_a_field_and_no_references() -> None:
+def test_schema_of_registered_type_has_no_references() -> None:
     def check(node: dict[str, Any], where: str) -> None:
         assert isinstance(node["type"], str), where
         assert not {"$ref", "anyOf", "prefixItems"} & node.keys(), where
@@ -285,7 +285,7 @@ def test_the_schema_of_every_registered_type_has_one_type_a_field_and_no_referen
 
 
 @pytest.mark.parametrize("form", ["jsonl", "csv", "parquet", "mcap", "msgpack"])
-def test_an_export_of_nothing_is_refused_and_writes_no_file(form: str, tmp_path: Path) -> None:
+def test_empty_export_is_refused_and_writes_nothing(form: str, tmp_path: Path) -> None:
     target = tmp_path / f"x.{form}"
     with pytest.raises(NotFound, match="no entry matches"):
         export(iter(()), form, str(target))

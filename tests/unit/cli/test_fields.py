@@ -39,7 +39,7 @@ def test_a_quaternion_is_shown_as_angles(
 
 
 @pytest.mark.parametrize("quaternion", [(0.0,) * 4, (math.nan,) * 4, (math.inf, 0.0, 0.0, 0.0)])
-def test_four_numbers_that_are_no_attitude_have_no_angles(
+def test_four_numbers_without_attitude_have_no_angles(
     quaternion: tuple[float, float, float, float],
 ) -> None:
     assert angles_of(*quaternion) is None
@@ -53,7 +53,7 @@ def test_attitudes_are_found_in_types_of_users_too() -> None:
     assert attitudes(7.0) == {}
 
 
-def test_each_field_has_its_unit_and_radians_their_degrees() -> None:
+def test_field_has_unit_and_radians_have_degrees() -> None:
     shown = dict(shown_fields(POSE))
     assert shown["x_m"] == "1.5 m"
     assert shown["n_m"] == "3", "a whole number with a short name is a count"
@@ -67,7 +67,7 @@ def test_each_field_has_its_unit_and_radians_their_degrees() -> None:
     }
 
 
-def test_nothing_is_wider_than_the_terminal_and_no_word_is_broken() -> None:
+def test_no_line_exceeds_terminal_or_breaks_words() -> None:
     rows = [*shown_fields(POSE), ("list", ", ".join(str(number) for number in range(100)))]
     words = {word for _, text in rows for word in text.split()}
     for lines in (block(rows, 80), flow(shown_fields(POSE), 80, "2026-11-22T16:05:37.123Z  ")):
@@ -78,6 +78,6 @@ def test_nothing_is_wider_than_the_terminal_and_no_word_is_broken() -> None:
     assert wrapped("a-b " * 30, 20, "", " ")[0].endswith("a-b")
 
 
-def test_a_single_value_is_not_indented_and_fields_are() -> None:
+def test_single_value_is_not_indented_and_fields_are() -> None:
     assert block(shown_fields(21.5, "degC"), None) == ["21.5 degC"]
     assert block([("n", "1")], None) == ["  n  1"]

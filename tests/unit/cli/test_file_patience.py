@@ -32,7 +32,7 @@ class SilentNode(ScriptedSession):
 
 
 @pytest.mark.parametrize(("give_up_s", "expected_s"), [(5.0, 5.0), (60.0, 60.0), (3600.0, 60.0)])
-async def test_no_request_waits_longer_than_the_time_to_give_up(
+async def test_no_request_outlasts_time_to_give_up(
     give_up_s: float, expected_s: float, tmp_path: Path
 ) -> None:
     (tmp_path / "map.png").write_bytes(b"a map")

@@ -14,7 +14,7 @@ from swarmware.transport.security.root import Root
 from swarmware.transport.sodium import SigningKey
 
 
-def test_former_keys_are_refused_and_the_stated_commands_make_a_new_swarm(tmp_path: Path) -> None:
+def test_former_keys_are_refused_with_replacing_commands(tmp_path: Path) -> None:
     base, vehicle = Station(make_node(tmp_path, "gcs")), Station(make_node(tmp_path, "uav1"))
     root, fresh = tmp_path / "root", tmp_path / "fresh"
     make_root(base, root, "harbour")

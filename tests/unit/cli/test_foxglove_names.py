@@ -25,7 +25,7 @@ def exported(type_name: str) -> bytes:
     return file.getvalue()
 
 
-def test_the_name_of_a_recorded_type_leads_to_no_other_folder(tmp_path: Path) -> None:
+def test_recorded_type_name_leaves_no_folder(tmp_path: Path) -> None:
     secret = tmp_path / "secret.json"
     secret.write_text('{"title": "a secret"}')
     for way in (os.path.relpath(secret, SCHEMAS), str(secret)):
@@ -33,7 +33,7 @@ def test_the_name_of_a_recorded_type_leads_to_no_other_folder(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("name", ["foxglove.Nothing", "foxglove.", "foxglove.LICENSE"])
-def test_a_recorded_type_without_a_shipped_schema_is_exported_without_one(name: str) -> None:
+def test_recorded_type_without_schema_is_exported(name: str) -> None:
     assert name.encode() in exported(name)
 
 

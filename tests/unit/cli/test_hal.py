@@ -21,7 +21,7 @@ def board(*drivers: DriverStatus) -> TreeValue:
     return TreeValue("/uav1/hal/drivers", "DriverTable", data, 1, 1, 1, 0.2, Quality.LIVE)
 
 
-async def test_drivers_are_listed_with_asked_and_real_rate_and_their_lateness() -> None:
+async def test_drivers_are_listed_with_rates_and_lateness() -> None:
     session = ScriptedSession({BOARD: board(IMU, CHASSIS)}, node="uav1")
     await list_drivers(session)
     head, imu, wheels = session.stdout.getvalue().splitlines()[-3:]
@@ -31,7 +31,7 @@ async def test_drivers_are_listed_with_asked_and_real_rate_and_their_lateness() 
     assert wheels.endswith("no set-point")
 
 
-async def test_the_document_has_the_whole_status_of_each_driver() -> None:
+async def test_document_has_whole_status_of_each_driver() -> None:
     session = ScriptedSession({BOARD: board(CHASSIS)}, node="uav1", output="json")
     await list_drivers(session)
     (platform,) = session.document["platforms"]
@@ -52,7 +52,7 @@ async def test_a_platform_that_does_not_answer_is_named() -> None:
     assert "no answer" in session.stderr.getvalue()
 
 
-async def test_a_calibration_is_confirmed_by_the_vehicle_or_its_refusal_is_shown() -> None:
+async def test_calibration_is_confirmed_or_refusal_shown() -> None:
     path = "/uav1/sys/vehicle/calibrate"
     session = ScriptedSession({path: VehicleState(armed=False, landed=True)})
     await calibrate_motors(session, "uav1")
@@ -64,7 +64,7 @@ async def test_a_calibration_is_confirmed_by_the_vehicle_or_its_refusal_is_shown
         await calibrate_motors(ScriptedSession({path: Denied("expected a disarmed vehicle")}), "uav1")
 
 
-async def test_an_inertial_unit_is_calibrated_and_what_is_missing_is_named() -> None:
+async def test_inertial_calibration_names_what_is_missing() -> None:
     path = "/uav1/sys/vehicle/calibrate_sensor"
     taken = SensorCalibrated("sim.imu", SensorCalibrationKind.ACCELEROMETER, "level taken", ("nose up",))
     session = ScriptedSession({path: taken})

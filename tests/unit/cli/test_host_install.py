@@ -104,7 +104,7 @@ def commands(steps: list[HostStep]) -> list[str]:
     return [step.target for step in steps if step.action == StepAction.RUN]
 
 
-def test_a_fresh_host_is_set_up_in_one_call_and_the_next_call_changes_nothing(fresh: FakeHost) -> None:
+def test_fresh_host_is_set_up_in_one_call(fresh: FakeHost) -> None:
     fresh.install()
     units = ["swarm.target", *(f"swarmd@{name}.service" for name in SERVICES)]
     assert fresh.ran[0] == ("systemd-sysusers", "swarm.conf")
@@ -120,7 +120,7 @@ def test_a_fresh_host_is_set_up_in_one_call_and_the_next_call_changes_nothing(fr
     assert fresh.install() == []
 
 
-def test_a_call_that_was_interrupted_after_any_step_is_completed_by_the_next_one(tmp_path: Path) -> None:
+def test_interrupted_installation_is_completed_by_next(tmp_path: Path) -> None:
     whole = FakeHost(tmp_path / "whole")
     whole.place("/").mkdir()
     count = len(whole.install())
@@ -169,7 +169,7 @@ def test_options_take_the_place_of_the_name(fresh: FakeHost) -> None:
     assert "sim" not in fresh.config("services/hal.toml")["drivers"]
 
 
-def test_a_further_computer_of_a_platform_has_a_name_and_what_every_computer_needs(fresh: FakeHost) -> None:
+def test_further_computer_gets_name_and_common_files(fresh: FakeHost) -> None:
     fresh.install(NodeChoice("uav1", unit="fc"))
     node = load(fresh.place(f"{CONFIG}/node.toml"), NodeConfig)
     assert (node.platform, node.unit) == ("uav1", "fc")
@@ -182,7 +182,7 @@ def test_a_further_computer_of_a_platform_has_a_name_and_what_every_computer_nee
     ("choice", "expected"),
     [(NodeChoice(), "--name"), (NodeChoice("base"), "--kind"), (NodeChoice("UAV 1"), "expected \\[a-z\\]")],
 )
-def test_a_new_node_needs_a_name_and_a_kind(fresh: FakeHost, choice: NodeChoice, expected: str) -> None:
+def test_new_node_needs_name_and_kind(fresh: FakeHost, choice: NodeChoice, expected: str) -> None:
     with pytest.raises(InvalidInput, match=expected):
         fresh.install(choice)
     assert fresh.remains() == []
@@ -233,7 +233,7 @@ def test_units_follow_the_services_of_node_toml(fresh: FakeHost) -> None:
     }
 
 
-def test_a_node_moves_between_one_unit_and_a_unit_for_each_service(fresh: FakeHost) -> None:
+def test_node_switches_between_one_unit_and_many(fresh: FakeHost) -> None:
     fresh.install(NodeChoice("uav1", single_unit=True))
     assert fresh.active == {"swarm-node.service"}
     assert fresh.config("node.toml")["processes"] == "one"
@@ -255,7 +255,7 @@ def test_units_of_an_earlier_version_are_replaced(fresh: FakeHost) -> None:
     ]
 
 
-def test_the_files_of_a_backup_are_given_to_the_user_of_this_host(fresh: FakeHost) -> None:
+def test_backup_files_belong_to_user_of_host(fresh: FakeHost) -> None:
     fresh.install()
     fresh.place(f"{CONFIG}/services/logger.toml").chmod(0o640)
     fresh.users["swarm"] = 64_000, 64_000  # the number that the user got here
@@ -274,7 +274,7 @@ def test_operators_become_members_of_the_group_once(fresh: FakeHost) -> None:
         fresh.install(NodeChoice(), "nobody_here")
 
 
-def test_a_node_that_is_not_to_start_now_starts_at_the_next_boot(fresh: FakeHost) -> None:
+def test_unstarted_node_starts_at_next_boot(fresh: FakeHost) -> None:
     fresh.install(start=False)
     assert fresh.active == set()
     assert plan.enabled_units(fresh)
@@ -293,7 +293,7 @@ def test_programs_of_another_origin_are_not_replaced(fresh: FakeHost) -> None:
     assert fresh.link("/usr/bin/swarmd") == "/opt/swarm/bin/swarmd"
 
 
-def test_removal_is_the_reverse_and_keeps_what_is_the_operators(fresh: FakeHost) -> None:
+def test_removal_is_reverse_and_keeps_what_is_operators(fresh: FakeHost) -> None:
     fresh.install()
     fresh.place("/etc/systemd/system/own.service").write_text("[Unit]\n")
     fresh.place("/var/lib/swarm/settings.toml").write_text("")
@@ -319,7 +319,7 @@ def test_removal_leaves_programs_of_another_environment(fresh: FakeHost) -> None
     assert fresh.link("/usr/bin/swarmd") == "/opt/swarm/bin/swarmd"
 
 
-def test_a_program_that_fails_ends_the_steps_with_its_message(tmp_path: Path) -> None:
+def test_program_that_fails_ends_steps_with_its_message(tmp_path: Path) -> None:
     real = Host(tmp_path)
     steps = [run("fails", "sh", "-c", "echo no such unit >&2; exit 5"), run("is not reached", "true")]
     with pytest.raises(SwarmError, match=r"sh -c .*: no such unit"):
@@ -344,7 +344,7 @@ def test_an_environment_that_the_units_hide_is_refused() -> None:
         InstalledPackage(Path("/home/anna/venv/bin"), Path("/usr/share")).check_visible()
 
 
-def test_an_environment_that_is_closed_to_the_daemons_is_refused(
+def test_environment_that_is_closed_to_daemons_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("swarmctl.installation.package.HIDDEN", ())
@@ -355,14 +355,14 @@ def test_an_environment_that_is_closed_to_the_daemons_is_refused(
         InstalledPackage(closed / "bin", closed / "bin").check_visible()
 
 
-def test_a_key_that_a_shipped_file_does_not_have_is_an_error() -> None:
+def test_key_unknown_to_shipped_file_is_error() -> None:
     text = b'# a\nname = "a"\n[table]\nname = "b"\n'
     assert with_keys(text, {"name": "c"}, "x") == b'# a\nname = "c"\n[table]\nname = "b"\n'
     with pytest.raises(ConfigError, match="no line `other = …`"):
         with_keys(b'name = "a"\n', {"other": 1}, "x.toml")
 
 
-def test_a_dry_run_prints_the_steps_and_needs_no_rights(
+def test_dry_run_prints_steps_and_needs_no_rights(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     fake = FakeHost(tmp_path)
@@ -413,9 +413,7 @@ def test_the_command_line_reaches_the_plan(
     assert "--name" in capsys.readouterr().err
 
 
-async def test_a_user_who_may_not_join_a_node_is_shown_the_way(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_user_without_access_to_node_is_guided(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config_dir = make_node(tmp_path)
     run_path = load(config_dir / "node.toml", NodeConfig).run_path
     run_path.mkdir(exist_ok=True)
@@ -425,7 +423,7 @@ async def test_a_user_who_may_not_join_a_node_is_shown_the_way(
             pass
 
 
-def test_fleet_sets_a_host_up_before_it_starts_its_unit(remote: FakeHost) -> None:
+def test_fleet_sets_host_up_before_starting_unit(remote: FakeHost) -> None:
     plan.start_unit("swarm.target", Path(CONFIG), remote)
     assert remote.active == {"swarm.target", "swarmd@broker.service", "swarmd@guard.service"}
     assert remote.content(plan.RULES)
@@ -434,7 +432,7 @@ def test_fleet_sets_a_host_up_before_it_starts_its_unit(remote: FakeHost) -> Non
         plan.start_unit("swarm-node.service", Path(CONFIG), remote)
 
 
-def test_fleet_refuses_a_guard_that_would_start_the_daemons_a_second_time(remote: FakeHost) -> None:
+def test_fleet_refuses_guard_that_duplicates_daemons(remote: FakeHost) -> None:
     guard = remote.place(f"{CONFIG}/services/guard.toml")
     guard.parent.mkdir()
     guard.write_text('supervisor = "self"\n')
@@ -445,11 +443,11 @@ def test_fleet_refuses_a_guard_that_would_start_the_daemons_a_second_time(remote
 
 
 @pytest.mark.parametrize(("unit", "folder"), [("my-node.service", CONFIG), ("swarm.target", "/srv/uav1")])
-def test_fleet_only_starts_a_unit_that_is_not_shipped(remote: FakeHost, unit: str, folder: str) -> None:
+def test_fleet_only_starts_unit_that_is_not_shipped(remote: FakeHost, unit: str, folder: str) -> None:
     plan.start_unit(unit, Path(folder), remote)
     assert remote.ran == [("systemctl", "enable", unit), ("systemctl", "start", unit)]
 
 
-def test_the_units_of_a_node_are_those_of_swarmd_units() -> None:
+def test_units_of_node_are_those_of_swarmd_units() -> None:
     node = configuration.HostNode("uav1", ("broker", "tree"), "/var/lib/swarm", False, {})
     assert units_of(node) == ("swarm.target", "swarmd@broker.service", "swarmd@tree.service")

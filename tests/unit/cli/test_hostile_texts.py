@@ -92,7 +92,7 @@ def clean(text: str) -> bool:
 
 
 @pytest.mark.parametrize("command", DOCUMENTS)
-def test_every_result_is_written_in_every_format_without_control_characters(command: str) -> None:
+def test_results_have_no_control_characters_in_any_format(command: str) -> None:
     value = result_of(command)
     texts = {}
     for output in ("json", "jsonl", "yaml"):
@@ -155,7 +155,7 @@ PRINTS: dict[str, Callable[[Output], object]] = {
 @pytest.mark.parametrize("output", ["table", "wide", "json", "jsonl", "yaml"])
 @pytest.mark.parametrize("stream", [io.StringIO, Terminal])
 @pytest.mark.parametrize("name", PRINTS)
-def test_a_text_from_outside_is_escaped_wherever_it_is_printed(
+def test_text_from_outside_is_escaped_wherever_printed(
     name: str, stream: type[io.StringIO], output: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("NO_COLOR", "1")
@@ -169,7 +169,7 @@ def test_a_text_from_outside_is_escaped_wherever_it_is_printed(
             assert "uav1: error: forged" not in found
 
 
-def test_a_redrawn_text_has_no_sequences_but_those_that_draw_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_redrawn_text_has_drawing_sequences_only(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "300")
     stream = Terminal()
     out = Output(CliSettings(), stream)
@@ -178,7 +178,7 @@ def test_a_redrawn_text_has_no_sequences_but_those_that_draw_it(monkeypatch: pyt
     assert clean(stream.getvalue().replace("\x1b[2F\x1b[J", ""))
 
 
-def test_a_result_for_programs_is_exact_but_on_a_terminal() -> None:
+def test_result_for_programs_is_exact_but_on_terminal() -> None:
     for stream in (io.StringIO(), Terminal()):
         Output(CliSettings(), stream).verbatim(HOSTILE)
         assert clean(stream.getvalue()) == stream.isatty()
@@ -215,7 +215,7 @@ class Odd(msgspec.Struct):
     wide: int = 2**60
 
 
-def test_yaml_has_enumerations_instants_tuples_bytes_and_structs_as_json_has_them() -> None:
+def test_yaml_writes_special_types_like_json() -> None:
     texts = []
     for output in ("json", "yaml"):
         stream = io.StringIO()
@@ -226,7 +226,7 @@ def test_yaml_has_enumerations_instants_tuples_bytes_and_structs_as_json_has_the
 
 
 @pytest.mark.parametrize("journal", [False, True])
-def test_a_record_of_the_log_has_no_control_characters_and_begins_no_other_record(journal: bool) -> None:
+def test_log_record_cannot_begin_another_record(journal: bool) -> None:
     record = logging.LogRecord("swarm.x", logging.WARNING, "", 0, "refused: %s", (HOSTILE,), None)
     text = _Lines("uav1", journal).format(record)
     assert clean(text)

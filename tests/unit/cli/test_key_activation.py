@@ -67,7 +67,7 @@ def said(found: ActivatedKeys, *, running: bool, others: bool) -> str:
     return stderr.getvalue()
 
 
-def test_the_broker_of_a_running_node_is_restarted_with_its_new_keys(running: RunningNode) -> None:
+def test_broker_of_running_node_restarts_with_keys(running: RunningNode) -> None:
     found = running.activate(others=False)
     assert running.restarted == ["gcs/broker"]
     assert said(found, running=True, others=False) == "gcs uses these keys now\n"
@@ -82,7 +82,7 @@ def test_a_join_ends_when_another_member_is_reached(running: RunningNode) -> Non
 @pytest.mark.parametrize(
     "answer", [Routes(), Routes((RouteState("0000beef", 1, "0000beef", 256, 1, 0, 0),)), NoAnswer("broker")]
 )
-def test_without_another_member_in_time_the_next_step_is_named(
+def test_absent_member_makes_next_step_be_named(
     running: RunningNode, monkeypatch: pytest.MonkeyPatch, answer: Any
 ) -> None:
     monkeypatch.setattr(activation, "REACH_S", 0.05)
@@ -102,23 +102,21 @@ def test_an_armed_vehicle_is_not_interrupted(running: RunningNode) -> None:
     assert "gcs is armed" in text and "after a restart" in text and "systemctl restart" in text
 
 
-def test_a_restart_that_fails_leaves_the_keys_and_names_the_reason(running: RunningNode) -> None:
+def test_restart_that_fails_leaves_keys_and_names_reason(running: RunningNode) -> None:
     running.error = NoAnswer("sys/guard/status: no answer")
     found = running.activate(others=False)
     assert not found.in_use
     assert "sys/guard/status: no answer" in said(found, running=True, others=False)
 
 
-def test_a_node_that_does_not_run_is_not_asked(running: RunningNode, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_node_that_does_not_run_is_not_asked(running: RunningNode, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(NodeKeys, "runs", False)
     found = running.activate(others=True)
     assert running.restarted == []
     assert said(found, running=False, others=True).startswith("start gcs: systemctl start swarm.target")
 
 
-def test_a_computer_without_the_user_of_the_daemons_gets_no_half_of_a_swarm(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_computer_without_daemon_user_gets_no_swarm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config_dir = make_node(tmp_path, "gcs")
     monkeypatch.setattr(node_keys, "DEFAULT_DIR", tmp_path)
     monkeypatch.setattr(node_keys, "SERVICE_USER", "nobody_has_this_name")

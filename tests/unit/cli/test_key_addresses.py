@@ -20,7 +20,7 @@ from swarmware.errors import Conflict, InvalidInput
         ("[fd00::1]:7", ("fd00::1", 7)),
     ],
 )
-def test_an_address_has_a_host_and_may_have_a_port(text: str, found: tuple[str, int]) -> None:
+def test_address_has_host_and_may_have_port(text: str, found: tuple[str, int]) -> None:
     assert host_and_port(text) == found
 
 
@@ -40,13 +40,13 @@ def test_an_address_of_another_form_is_refused(text: str) -> None:
         ({f"eth{n}": [f"10.0.{n}.1"] for n in range(9)}, ("10.0.0.1", "10.0.1.1", "10.0.2.1", "10.0.3.1")),
     ],
 )
-def test_addresses_that_others_can_use_are_in_the_token(
+def test_addresses_that_others_can_use_are_in_token(
     addresses: dict[str, list[str]], found: tuple[str, ...]
 ) -> None:
     assert reachable(addresses) == found
 
 
-def test_two_inviters_on_one_computer_take_a_port_each() -> None:
+def test_two_inviters_on_one_computer_take_port_each() -> None:
     with closing(listening_socket(0)) as one, closing(listening_socket(0)) as other:
         assert one.getsockname()[1] != other.getsockname()[1]
         with pytest.raises(Conflict, match="is in use"):

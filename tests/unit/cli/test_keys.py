@@ -77,7 +77,7 @@ def test_two_nodes_become_members_of_one_swarm(base: Station, vehicle: Station, 
     assert "start uav1" in vehicle.stderr.getvalue()
 
 
-def test_several_platforms_join_with_a_token_each_and_a_role(
+def test_several_platforms_join_with_token_each_and_role(
     base: Station, vehicle: Station, root: Path, tmp_path: Path
 ) -> None:
     other = Station(make_node(tmp_path, "uav2"), output="json")
@@ -90,7 +90,7 @@ def test_several_platforms_join_with_a_token_each_and_a_role(
     assert [entry["used"] for entry in json.loads((root / "invitations.json").read_text())] == [True, True]
 
 
-def test_a_used_token_an_expired_one_and_one_of_an_ended_command_are_refused_with_the_reason(
+def test_used_expired_or_ended_token_is_refused(
     base: Station, vehicle: Station, root: Path, tmp_path: Path
 ) -> None:
     wanted = plan("uav1", "uav2")
@@ -122,7 +122,7 @@ def test_a_used_token_an_expired_one_and_one_of_an_ended_command_are_refused_wit
     assert found.curve_public == thief.keys("uav1").curve_public, "the former one is revoked"
 
 
-def test_some_that_do_not_come_make_the_result_partial(base: Station, vehicle: Station, root: Path) -> None:
+def test_some_that_do_not_come_make_result_partial(base: Station, vehicle: Station, root: Path) -> None:
     with (
         pytest.raises(Partial, match="uav2: did not join"),
         inviting_at(base, root, plan("uav1", "uav2", valid_s=3.0)) as token,
@@ -136,7 +136,7 @@ def test_a_mistyped_token_is_noticed_before_anything_happens(vehicle: Station) -
     assert not vehicle.keys_dir.exists()
 
 
-def test_a_clock_that_differs_from_the_inviters_is_a_warning(
+def test_clock_that_differs_from_inviters_is_warning(
     base: Station, vehicle: Station, root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     late = time.time_ns() - 3600 * 1_000_000_000
@@ -147,9 +147,7 @@ def test_a_clock_that_differs_from_the_inviters_is_a_warning(
     assert vehicle.keys("uav1").roster is not None, "and no reason to refuse the node"
 
 
-def test_a_node_with_an_identity_keeps_it_unless_it_is_to_be_replaced(
-    base: Station, vehicle: Station, root: Path
-) -> None:
+def test_existing_identity_is_kept_unless_replaced(base: Station, vehicle: Station, root: Path) -> None:
     with inviting_at(base, root, plan()) as token:
         join(vehicle, token("uav1"), None, replace=False)
     before = (vehicle.keys_dir / "node.key").read_bytes()
@@ -162,15 +160,13 @@ def test_a_node_with_an_identity_keeps_it_unless_it_is_to_be_replaced(
     assert base.keys("gcs").signed == vehicle.keys("uav1").signed
 
 
-def test_a_node_that_runs_is_not_given_another_identity(
-    base: Station, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_node_that_runs_is_not_given_another_identity(base: Station, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(node_keys.NodeKeys, "runs", True)
     with pytest.raises(Conflict, match="gcs runs with the keys that would be replaced"):
         join(base, JoinToken(bytes(16), bytes(16), 0, ("127.0.0.1",)).text(), None, replace=True)
 
 
-def test_init_refuses_to_overwrite_and_says_what_to_do(
+def test_init_refuses_to_overwrite_and_names_remedy(
     base: Station, vehicle: Station, root: Path, tmp_path: Path
 ) -> None:
     before = {path: path.read_bytes() for path in (*root.iterdir(), *base.keys_dir.iterdir())}
@@ -183,16 +179,14 @@ def test_init_refuses_to_overwrite_and_says_what_to_do(
 
 
 @pytest.mark.parametrize("files", [(), ("node.key",), ("node.key", "roster.json"), ("node.key", "root.pub")])
-def test_an_init_that_was_killed_is_completed_by_the_next(
-    base: Station, root: Path, files: tuple[str, ...]
-) -> None:
+def test_init_that_was_killed_is_completed_by_next(base: Station, root: Path, files: tuple[str, ...]) -> None:
     for name in ("node.key", *files):
         (base.keys_dir / name).unlink(missing_ok=True)
     make_root(base, root, "harbour")
     assert base.keys("gcs").root_public == Root.load(root).public
 
 
-def test_a_join_whose_answer_was_lost_is_repeated_with_the_same_key(
+def test_join_with_lost_answer_repeats_same_key(
     base: Station, vehicle: Station, root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As after a kill between the request and the files."""
@@ -216,7 +210,7 @@ def _killed(*_: object) -> None:
 
 
 @pytest.mark.parametrize("count", range(4))
-def test_a_kill_between_two_files_leaves_no_identity_or_a_whole_one(
+def test_kill_between_files_leaves_no_half_identity(
     base: Station, vehicle: Station, root: Path, monkeypatch: pytest.MonkeyPatch, count: int
 ) -> None:
     written: list[str] = []
@@ -245,7 +239,7 @@ def _nothing() -> Iterator[None]:
     yield
 
 
-def test_a_lost_root_is_named_with_the_option_for_another_place(base: Station, root: Path) -> None:
+def test_lost_root_is_named_with_option(base: Station, root: Path) -> None:
     (root / "root.key").rename(root.parent / "kept")
     commands: tuple[Callable[[], None], ...] = (
         lambda: invite_nodes(base, root, plan()),
@@ -257,7 +251,7 @@ def test_a_lost_root_is_named_with_the_option_for_another_place(base: Station, r
             command()
 
 
-def test_an_older_copy_of_the_root_continues_from_the_roster_of_the_node(
+def test_older_root_copy_continues_from_nodes_roster(
     base: Station, vehicle: Station, root: Path, tmp_path: Path
 ) -> None:
     shutil.copytree(root, tmp_path / "copy")
@@ -289,7 +283,7 @@ def test_a_root_that_others_can_read_is_refused(base: Station, root: Path) -> No
         changing.rotate(base, root)
 
 
-def test_a_stick_that_was_removed_leaves_the_token_valid(base: Station, vehicle: Station, root: Path) -> None:
+def test_stick_that_was_removed_leaves_token_valid(base: Station, vehicle: Station, root: Path) -> None:
     with inviting_at(base, root, plan()) as token:
         text = token("uav1")
         (root / "root.key").rename(root / "away")
@@ -299,7 +293,7 @@ def test_a_stick_that_was_removed_leaves_the_token_valid(base: Station, vehicle:
         join(vehicle, text, None, replace=False)
 
 
-def test_without_a_node_on_the_computer_the_error_names_the_places(tmp_path: Path) -> None:
+def test_missing_node_on_computer_names_places(tmp_path: Path) -> None:
     nowhere = Station(tmp_path / "none")
     commands: tuple[Callable[[], None], ...] = (
         lambda: make_root(nowhere, tmp_path / "root", "x"),
@@ -311,7 +305,7 @@ def test_without_a_node_on_the_computer_the_error_names_the_places(tmp_path: Pat
     assert not (tmp_path / "root").exists()
 
 
-def test_a_folder_that_this_user_may_not_read_or_write_is_named(
+def test_inaccessible_folder_is_named(
     tmp_path: Path, base: Station, vehicle: Station, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("os.access", lambda path, mode: False)  # root may do everything
@@ -322,7 +316,7 @@ def test_a_folder_that_this_user_may_not_read_or_write_is_named(
     assert not (tmp_path / "other").exists()
 
 
-def test_credentials_by_file_need_no_network_and_the_token(
+def test_credentials_by_file_need_no_network_and_token(
     base: Station, vehicle: Station, root: Path, tmp_path: Path
 ) -> None:
     file = tmp_path / "uav1.join"
@@ -336,7 +330,7 @@ def test_credentials_by_file_need_no_network_and_the_token(
     assert vehicle.keys("uav1").signed == base.keys("gcs").signed
 
 
-def test_a_file_expires_by_the_clock_of_the_node(
+def test_file_expires_by_clock_of_node(
     base: Station, vehicle: Station, root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     file = tmp_path / "uav1.join"
@@ -381,9 +375,7 @@ def test_garbage_and_floods_do_not_end_the_inviter(base: Station, vehicle: Stati
     assert vehicle.keys("uav1").roster is not None
 
 
-def test_a_revoked_member_is_off_the_roster_and_the_group_key_changes(
-    base: Station, vehicle: Station, root: Path
-) -> None:
+def test_revoked_member_leaves_roster_and_changes_key(base: Station, vehicle: Station, root: Path) -> None:
     with inviting_at(base, root, plan()) as token:
         join(vehicle, token("uav1"), None, replace=False)
     before = base.keys("gcs")
@@ -399,7 +391,7 @@ def test_a_revoked_member_is_off_the_roster_and_the_group_key_changes(
     assert "revoked" in base.stdout.getvalue()
 
 
-def test_a_rotation_changes_the_group_key_and_nothing_else(base: Station, root: Path) -> None:
+def test_rotation_changes_group_key_and_nothing_else(base: Station, root: Path) -> None:
     before = base.keys("gcs")
     changing.rotate(base, root)
     after = base.keys("gcs")

@@ -23,7 +23,7 @@ def test_the_keys_of_a_member_are_well(folder: Path) -> None:
     assert [found.verdict for found in check_keys(folder, "uav1", NOW_S)] == ["ok"]
 
 
-def test_a_node_without_keys_gets_both_ways_to_them(tmp_path: Path) -> None:
+def test_node_without_keys_gets_both_ways_to_them(tmp_path: Path) -> None:
     (found,) = check_keys(tmp_path / "none", "uav1", NOW_S)
     assert found.verdict == "warning" and "serves only this computer" in found.text
     assert "keys init" in found.advice and "keys invite uav1" in found.advice
@@ -35,15 +35,13 @@ def test_keys_that_others_can_read_are_an_error(folder: Path) -> None:
     assert found.verdict == "error" and found.advice.startswith("chmod 0600")
 
 
-def test_a_folder_of_another_user_is_not_needed_by_this_one(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_folder_of_another_user_is_unneeded(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.access", lambda path, mode: False)  # root may do everything
     (found,) = check_keys(folder, "uav1", NOW_S)
     assert found.verdict == "ok" and "not readable by this user" in found.text
 
 
-def test_a_platform_that_is_not_on_the_roster_is_an_error(folder: Path) -> None:
+def test_platform_that_is_not_on_roster_is_error(folder: Path) -> None:
     found = next(check_keys(folder, "uav7", NOW_S))
     assert found.verdict == "error" and "uav7 is not on the roster" in found.text
     assert "keys join --replace" in found.advice
@@ -63,7 +61,7 @@ def test_the_key_of_another_node_is_an_error(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["root.pub", "roster.json", "node.key"])
-def test_a_damaged_file_is_an_error_that_names_it(folder: Path, name: str) -> None:
+def test_damaged_file_is_error_that_names_it(folder: Path, name: str) -> None:
     replace_file(folder / name, b"x", mode=0o600)
     found = next(check_keys(folder, "uav1", NOW_S))
     assert found.verdict == "error" and str(folder) in found.text

@@ -26,7 +26,7 @@ def where(lines: list[str], name: str) -> tuple[int, int]:
     return found
 
 
-def test_north_is_up_east_is_right_and_both_axes_have_one_scale() -> None:
+def test_map_has_north_up_and_equal_scales() -> None:
     lines = draw_map({"a0": (0, 0), "e0": (100, 0), "n0": (0, 100)}, [], 80, 24)
     west, east, north = (where(lines, name) for name in ("a0", "e0", "n0"))
     assert west[0] == east[0] > north[0]
@@ -49,7 +49,7 @@ def test_links_are_lines_between_nodes() -> None:
     st.integers(20, 200),
     st.integers(4, 60),
 )
-def test_a_map_fits_its_terminal_and_has_every_node(
+def test_map_fits_its_terminal_and_has_every_node(
     places: dict[str, tuple[float, float]], width: int, height: int
 ) -> None:
     links = [MapLink(a, b, True) for a, b in itertools.pairwise(places)]
@@ -60,14 +60,14 @@ def test_a_map_fits_its_terminal_and_has_every_node(
     assert (1 <= marks <= len(places)) if places else marks == 0
 
 
-def test_sixteen_nodes_in_a_grid_have_their_names_at_80_columns() -> None:
+def test_sixteen_nodes_have_names_at_80_columns() -> None:
     places = {name: (50.0 * (number % 4), 50.0 * (number // 4)) for number, name in enumerate(NAMES)}
     lines = draw_map(places, [], 80, 22)
     assert sum(line.count(MARK) for line in lines) == 16
     assert all(any(name in line for line in lines) for name in NAMES)
 
 
-def test_who_is_not_on_the_map_is_named_below_it() -> None:
+def test_node_off_map_is_named_below() -> None:
     found = SwarmTopology(
         ["gcs", "uav1", "uav2"],
         [TopologyEdge("uav1", "uav2", 0.0, 0.0, 1.0, True)],
@@ -111,7 +111,7 @@ class Terminal:
 
 
 @pytest.mark.parametrize("redraws", [True, False])
-async def test_a_view_is_drawn_the_number_of_times_that_was_asked_for(redraws: bool) -> None:
+async def test_view_is_drawn_as_often_as_requested(redraws: bool) -> None:
     terminal: Any = Terminal(redraws=redraws)
     texts = iter(("one", "", "two"))
 

@@ -39,14 +39,14 @@ def test_the_database_of_the_node_is_the_default(
     assert entries.database(settings, asked, database) == expected
 
 
-def test_a_node_that_forwards_nowhere_has_no_database_of_its_own(tmp_path: Path) -> None:
+def test_node_without_forwarding_has_no_database(tmp_path: Path) -> None:
     settings = node(tmp_path)
     assert entries.database(settings, "mongodb://h", "") == ("mongodb://h", "swarm")
     with pytest.raises(NotFound, match="the logs are not forwarded"):
         entries.database(settings, "-", "")
 
 
-def test_the_database_of_a_lab_is_recorded_and_read_and_its_files_are_closed_to_others(
+def test_lab_database_is_recorded_and_files_are_private(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
     monkeypatch.setenv("SWARMCTL_LABS", str(tmp_path))
@@ -60,7 +60,7 @@ def test_the_database_of_a_lab_is_recorded_and_read_and_its_files_are_closed_to_
     assert (written.mongodb_uri, written.mongodb_database) == (URI, "swarm_field")
 
 
-def test_a_password_is_shown_nowhere_and_a_file_that_all_can_read_is_named(tmp_path: Path) -> None:
+def test_password_is_hidden_and_readable_file_named(tmp_path: Path) -> None:
     settings = node(tmp_path, mongodb_uri=URI)
     folder = Path(settings.config)
     file = folder / "services" / "logger.toml"
@@ -76,14 +76,14 @@ def test_a_password_is_shown_nowhere_and_a_file_that_all_can_read_is_named(tmp_p
     assert not [text for text in [*shown, found["mongodb"].text] if "s3cret" in text]
 
 
-def test_a_wrong_address_is_an_error_of_the_file(tmp_path: Path) -> None:
+def test_invalid_address_is_error_of_file(tmp_path: Path) -> None:
     folder = Path(node(tmp_path, mongodb_uri="mongo//swarm:s3cret@h").config)
     found = {result.check: result for result in checks.examine({"uav1": folder}, fix=False)}
     assert found["mongodb"].verdict == "error"
     assert "s3cret" not in found["mongodb"].text
 
 
-def test_what_could_not_be_read_ends_a_query_with_the_code_of_lost_data(tmp_path: Path) -> None:
+def test_unreadable_entries_end_query_with_lost_data(tmp_path: Path) -> None:
     (tmp_path / "00000001.damaged").write_bytes(b"x")
     source = FolderSource([tmp_path])
     assert list(source.entries(Query())) == []

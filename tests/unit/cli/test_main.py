@@ -38,7 +38,7 @@ def test_every_option_is_also_read_from_the_environment(
     assert probe.seen.node == "uav1", "the command line goes before the environment"
 
 
-def test_a_command_that_uses_the_letter_itself_keeps_it() -> None:
+def test_command_that_uses_letter_itself_keeps_it() -> None:
     own = Command("x", params=[click.Option(["-n", "--number"])])
     spellings = [name for param in own.params for name in param.opts]
     assert spellings.count("-n") == 1
@@ -46,7 +46,7 @@ def test_a_command_that_uses_the_letter_itself_keeps_it() -> None:
 
 
 @pytest.mark.parametrize(("kind", "cls"), errors.KINDS.items())
-def test_each_error_is_one_line_on_stderr_and_its_exit_code(
+def test_each_error_is_one_line_and_code(
     probe: ModuleType, capsys: pytest.CaptureFixture[str], kind: str, cls: type[errors.SwarmError]
 ) -> None:
     assert swarmctl.main(["probe", "fail", kind]) == cls.exit_code
@@ -66,7 +66,7 @@ def test_a_bug_of_ours_is_named_and_fails(probe: ModuleType, capsys: pytest.Capt
     assert "ZeroDivisionError: oh" in capsys.readouterr().err
 
 
-def test_interruption_usage_and_part_results_have_codes_of_their_own(probe: ModuleType) -> None:
+def test_interruption_usage_and_partial_results_have_codes(probe: ModuleType) -> None:
     assert swarmctl.main(["probe", "fail", "interrupt"]) == 130
     assert swarmctl.main(["probe", "fail", "abort"]) == 130
     assert swarmctl.main(["probe", "show", "--rate", "fast"]) == 2
@@ -99,7 +99,7 @@ def test_every_command_has_one_section() -> None:
 
 
 @pytest.mark.parametrize("group", ["tree", "fleet", "keys", "log", "lab"])
-def test_the_list_of_subcommands_has_their_whole_first_sentences(
+def test_list_of_subcommands_has_their_whole_first_sentences(
     group: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert swarmctl.main([group, "--help"]) == 0
@@ -108,7 +108,7 @@ def test_the_list_of_subcommands_has_their_whole_first_sentences(
     assert listed.count("\n  ") >= 4
 
 
-def test_the_summary_in_the_table_is_the_first_sentence_of_the_commands_help() -> None:
+def test_summary_is_first_sentence_of_help() -> None:
     from swarmlab.command import cmd
 
     assert cmd.get_short_help_str(limit=200) == swarmctl.SECTIONS["Develop"]["lab"].summary
@@ -182,7 +182,7 @@ def test_a_file_on_a_full_device_is_named(
     assert capsys.readouterr().err == "error: file flight.csv: no space left on device\n"
 
 
-def test_a_refused_argument_as_long_as_a_file_is_shown_by_its_ends(
+def test_long_refused_argument_is_shown_by_ends(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert swarmctl.main(["mission", "check", "x" * 120_000]) != 0
@@ -191,7 +191,7 @@ def test_a_refused_argument_as_long_as_a_file_is_shown_by_its_ends(
     assert len(shown) < 3 * swarmctl.LINE_CHARACTERS
 
 
-def test_a_reader_that_has_seen_enough_is_no_error() -> None:
+def test_reader_that_has_seen_enough_is_no_error() -> None:
     script = f"{sys.executable} -m swarmctl --help | true; exit ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
@@ -211,8 +211,6 @@ def test_a_reader_that_has_seen_enough_is_no_error() -> None:
         ["mission", "start", "formation", "--member", ""],
     ],
 )
-def test_an_empty_name_is_refused_and_does_not_mean_the_joined_node(
-    words: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_empty_name_is_refused_not_joined_node(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert swarmctl.main(words) == 2
     assert "empty; expected a name" in capsys.readouterr().err

@@ -47,7 +47,7 @@ def crowd(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_file_is_started_alone_whatever_lies_beside_it(crowd: Path) -> None:
+def test_file_is_started_alone_whatever_lies_beside_it(crowd: Path) -> None:
     order = task(str(crowd / "hop.json"), (), ())
     assert [(file.name, file.text) for file in order.files] == [("hop.json", HOP)]
     folder = sent(crowd / "hop.json")
@@ -56,7 +56,7 @@ def test_a_file_is_started_alone_whatever_lies_beside_it(crowd: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["", "mission.toml"])
-def test_a_folder_is_started_with_the_files_of_its_roles_only(crowd: Path, name: str) -> None:
+def test_folder_starts_with_files_of_its_roles(crowd: Path, name: str) -> None:
     order = task(str(crowd / name), (), ())
     assert {file.name for file in order.files} == {"mission.toml", "a.json"}
     assert order.name == crowd.name
@@ -71,7 +71,7 @@ def test_check_and_start_give_the_same_verdict(crowd: Path) -> None:
         assert ours == theirs
 
 
-def test_a_file_that_is_no_text_is_named_with_the_line(crowd: Path) -> None:
+def test_non_text_file_is_named_with_line(crowd: Path) -> None:
     with pytest.raises(ConfigError, match=r"latin\.json: line 1: cannot be read: not UTF-8"):
         task(str(crowd / "latin.json"), (), ())
     (verdict,) = check_all([str(crowd / "latin.json")])
@@ -88,7 +88,7 @@ def test_a_folder_without_a_manifest_is_not_found(tmp_path: Path) -> None:
         task(str(tmp_path), (), ())
 
 
-def test_the_example_of_the_documentation_checks_and_starts_as_a_file(tmp_path: Path) -> None:
+def test_example_of_documentation_checks_and_starts_as_file(tmp_path: Path) -> None:
     (tmp_path / "look.json").write_text(EXAMPLE)
     (verdict,) = check_all([str(tmp_path / "look.json")])
     assert (verdict.sound, verdict.findings) == (True, [])
@@ -99,9 +99,7 @@ def test_the_example_of_the_documentation_checks_and_starts_as_a_file(tmp_path: 
     assert part.binding.params == changed
 
 
-def test_a_check_prints_the_name_of_the_mission_also_of_the_present_folder(
-    crowd: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_check_prints_mission_name_of_present_folder(crowd: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     out = io.StringIO()
     monkeypatch.chdir(crowd)
     check_missions([".", "mission.toml", "a.json"], Output(CliSettings(), out))

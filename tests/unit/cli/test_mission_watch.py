@@ -31,7 +31,7 @@ def state(
     return MissionState(1, "ab", phase, (block,) if block else (), (), (), ratio, text, "formation")
 
 
-def test_metres_of_one_block_are_one_line_and_a_new_block_or_state_is_another() -> None:
+def test_block_keeps_one_line_until_it_changes() -> None:
     assert display_key(state(text="12 m left")) == display_key(state(text="11 m left", ratio=0.6))
     assert display_key(state()) != display_key(state(block="land"))
     assert display_key(state()) != display_key(state(MissionPhase.ENDING))
@@ -42,7 +42,7 @@ def test_metres_of_one_block_are_one_line_and_a_new_block_or_state_is_another() 
     )
 
 
-def test_a_member_has_one_line_with_height_distance_arrival_and_time() -> None:
+def test_member_line_has_height_distance_and_arrival() -> None:
     moving = MemberProgress(state(), 3.0, 8.04, 12.0, 2.0)
     lines = member_table(
         "formation",
@@ -59,12 +59,12 @@ def test_a_member_has_one_line_with_height_distance_arrival_and_time() -> None:
     assert lines[4].split() == ["ugv1", "done", "done", "100%", "0.0", "-", "-", "9.0s"]
 
 
-def test_a_vehicle_that_does_not_move_has_no_time_of_arrival() -> None:
+def test_vehicle_at_rest_has_no_arrival_time() -> None:
     assert MemberProgress(state(), 1.0, 2.0, 5.0, 0.1).eta_s is None
     assert MemberProgress(state(), 1.0).eta_s is None
 
 
-def test_lines_are_redrawn_at_their_place_and_a_warning_stays_above(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lines_are_redrawn_and_warning_stays_above(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "10")
     out, err = io.StringIO(), io.StringIO()
     terminal = Output(CliSettings(), out, err)
@@ -76,7 +76,7 @@ def test_lines_are_redrawn_at_their_place_and_a_warning_stays_above(monkeypatch:
     assert out.getvalue().endswith("0123456789\nd\n")
 
 
-def test_lines_that_do_not_fit_are_counted_and_the_last_drawing_shows_all(
+def test_surplus_lines_are_counted_and_finally_shown(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("COLUMNS", "40")
@@ -93,7 +93,7 @@ def test_lines_that_do_not_fit_are_counted_and_the_last_drawing_shows_all(
     assert out.getvalue().endswith("uav6\nnext\n")
 
 
-def test_the_end_of_a_mission_names_the_reason_of_each_member() -> None:
+def test_end_of_mission_names_reason_of_each_member() -> None:
     shown = {
         "uav1": state(MissionPhase.IDLE, "", "formation was not started: not accepted by uav2"),
         "uav2": state(MissionPhase.FAILED, "", "came to failed: goto ended with timeout"),
@@ -108,7 +108,7 @@ def test_the_end_of_a_mission_names_the_reason_of_each_member() -> None:
     )
 
 
-async def test_a_refused_start_names_the_reason_in_its_error() -> None:
+async def test_refused_start_names_reason_in_its_error() -> None:
     refusal = msgspec.structs.replace(receipt("uav2", accepted=False), reasons=("uav2 is busy",))
     answers = {
         "sys/mission/plan": MissionPlan("formation", "h", ()),
@@ -120,9 +120,7 @@ async def test_a_refused_start_names_the_reason_in_its_error() -> None:
 
 
 @pytest.mark.parametrize("node", ["", "uav1"])
-async def test_before_a_first_mission_there_is_none_to_watch(
-    node: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_mission_watch_before_first_has_none(node: str, monkeypatch: pytest.MonkeyPatch) -> None:
     idle = MissionState(0, "", MissionPhase.IDLE)
     monkeypatch.setattr(members, "mission_states", lambda session: {"uav1": idle})
     session = ScriptedSession({"sys/mission/status": MissionStatus("uav1", idle, "", 0)}, node=node)
@@ -138,7 +136,7 @@ async def test_the_status_names_who_ordered_the_mission() -> None:
     assert "formation" in session.stdout.getvalue()
 
 
-async def test_the_status_shows_reactions_that_are_not_idle_and_rows_that_can_never_act() -> None:
+async def test_status_shows_active_reactions_and_dead_rows() -> None:
     rows = (
         ReactionState("battery_low", ReactionPhase.ACTIVE, "return", 0, "battery low"),
         ReactionState("position_lost", ReactionPhase.IDLE, "land", 0),

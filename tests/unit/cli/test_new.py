@@ -12,12 +12,12 @@ from swarmware.model.config import share_dir
 SCAFFOLDS = share_dir() / "scaffolds"
 
 
-def test_each_kind_has_a_scaffold_and_each_scaffold_a_kind() -> None:
+def test_each_kind_has_scaffold_and_each_scaffold_kind() -> None:
     assert {path.name for path in SCAFFOLDS.iterdir()} == set(KINDS)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_folder_has_a_readme_and_a_test_and_the_new_name_everywhere(
+def test_folder_has_readme_test_and_new_name(
     kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert swarmctl(["new", kind, "deep_sonar", "--dir", str(tmp_path)]) == 0
@@ -33,7 +33,7 @@ def test_the_folder_has_a_readme_and_a_test_and_the_new_name_everywhere(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_the_document_names_the_folder_its_files_and_its_test(
+def test_document_names_folder_its_files_and_its_test(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -49,7 +49,7 @@ def test_the_document_names_the_folder_its_files_and_its_test(
 @pytest.mark.parametrize(
     "name", ["", "Sonar", "1sonar", "_sonar", "so-nar", "so nar", "../sonar", "s" * 32, "söner", "sonar\n"]
 )
-def test_a_name_that_is_none_is_refused_with_what_it_may_be(
+def test_invalid_name_is_refused_with_allowed_form(
     kind: str, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert swarmctl(["new", kind, "--dir", str(tmp_path), "--", name]) == 7

@@ -82,7 +82,7 @@ def renaming(station: Station, new: str, root: Path | None = None, token: str = 
     Renaming(station, more.pop("former", "uav1"), new).run(token, root, more.pop("hosts", None), yes=True)
 
 
-def test_a_host_is_added_removed_and_renamed_and_all_other_text_stays(hosts: Path) -> None:
+def test_host_changes_leave_other_text_unchanged(hosts: Path) -> None:
     assert add_host(hosts, "uav3", "10.0.0.3", {"kind": "ugv", "template": "ugv"})
     assert hosts.read_text().startswith(HOSTS)
     assert read_hosts(hosts)[2].node == {"kind": "ugv", "template": "ugv", "platform": "uav3"}
@@ -94,7 +94,7 @@ def test_a_host_is_added_removed_and_renamed_and_all_other_text_stays(hosts: Pat
     assert not rename_host(hosts, "uav9", "uav8")
 
 
-def test_a_host_that_is_added_again_changes_nothing_and_one_with_another_address_is_refused(
+def test_host_added_again_must_have_same_address(
     hosts: Path,
 ) -> None:
     assert not add_host(hosts, "uav2", "10.0.0.2", {})
@@ -103,7 +103,7 @@ def test_a_host_that_is_added_again_changes_nothing_and_one_with_another_address
         add_host(hosts, "uav2", "10.0.0.9", {})
 
 
-def test_a_new_file_of_hosts_is_made_and_its_last_host_is_kept(tmp_path: Path) -> None:
+def test_new_hosts_file_keeps_its_last_host(tmp_path: Path) -> None:
     path = tmp_path / "new.toml"
     assert add_host(path, "uav1", "10.0.0.1", {})
     assert [host.name for host in read_hosts(path)] == ["uav1"]
@@ -111,7 +111,7 @@ def test_a_new_file_of_hosts_is_made_and_its_last_host_is_kept(tmp_path: Path) -
         remove_hosts(path, ("uav1",))
 
 
-def test_hosts_in_a_line_are_not_changed_by_guessing(tmp_path: Path) -> None:
+def test_hosts_in_line_are_not_changed_by_guessing(tmp_path: Path) -> None:
     path = tmp_path / "line.toml"
     text = 'hosts = [{name = "uav1", address = "a"}, {name = "uav2", address = "b"}]\n'
     path.write_text(text)
@@ -121,9 +121,7 @@ def test_hosts_in_a_line_are_not_changed_by_guessing(tmp_path: Path) -> None:
     assert path.read_text() == text
 
 
-def test_a_node_is_added_to_the_file_and_to_the_swarm(
-    base: Station, root: Path, hosts: Path, tmp_path: Path
-) -> None:
+def test_node_is_added_to_file_and_to_swarm(base: Station, root: Path, hosts: Path, tmp_path: Path) -> None:
     file = tmp_path / "uav3.join"
     new = NewNode("uav3", "10.0.0.3", "ugv")
     add_node(base, new, InvitationPlan(("uav3",), "node", WAIT_S, "", str(file)), root, hosts)
@@ -153,7 +151,7 @@ def test_contradicting_options_of_an_addition_change_nothing(base: Station, root
     assert Root.load(root).roster.find("uav3") is None
 
 
-def test_without_keys_a_node_is_added_to_the_file_only(tmp_path: Path, hosts: Path) -> None:
+def test_node_without_keys_joins_file_only(tmp_path: Path, hosts: Path) -> None:
     station = Station(make_node(tmp_path, "gcs"))
     add_node(station, NewNode("uav3", "10.0.0.3"), plan("uav3"), None, hosts)
     assert [host.name for host in read_hosts(hosts)] == ["uav1", "uav2", "uav3"]
@@ -162,7 +160,7 @@ def test_without_keys_a_node_is_added_to_the_file_only(tmp_path: Path, hosts: Pa
         add_node(station, NewNode("uav4"), plan("uav4"), None, None)
 
 
-def test_a_renamed_node_keeps_its_key_its_role_its_files_and_its_comments(
+def test_renamed_node_keeps_key_role_and_files(
     vehicle: Station, base: Station, root: Path, hosts: Path
 ) -> None:
     path = Path(vehicle.settings.config) / "node.toml"
@@ -182,9 +180,7 @@ def test_a_renamed_node_keeps_its_key_its_role_its_files_and_its_comments(
         vehicle.keys("uav1")
 
 
-def test_a_node_is_renamed_with_a_token_where_the_root_is_elsewhere(
-    vehicle: Station, base: Station, root: Path
-) -> None:
+def test_node_is_renamed_by_token_without_root(vehicle: Station, base: Station, root: Path) -> None:
     before = vehicle.keys("uav1").curve_public
     with inviting_at(base, root, plan("scout")) as token:
         renaming(vehicle, "scout", token=token("scout"))
@@ -204,7 +200,7 @@ def test_an_interrupted_renaming_is_repeated(
     assert [one.platform for one in Root.load(root).roster.valid()] == ["gcs", "scout"]
 
 
-def test_a_name_that_is_taken_or_wrong_is_refused_before_anything_changes(
+def test_taken_or_invalid_name_is_refused_first(
     vehicle: Station, root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     signed = Root.load(root).signed
@@ -223,7 +219,7 @@ def test_a_name_that_is_taken_or_wrong_is_refused_before_anything_changes(
     assert vehicle.keys("uav1").platform == "uav1"
 
 
-def test_a_node_without_keys_is_renamed_by_its_file(tmp_path: Path) -> None:
+def test_node_without_keys_is_renamed_by_its_file(tmp_path: Path) -> None:
     station = Station(make_node(tmp_path, "uav1"))
     renaming(station, "scout")
     assert NodeKeys.find(station.settings).platform == "scout"
@@ -270,7 +266,7 @@ class Member(Removal):
         ({"sys/mission/status": NotFound("no service")}, False, None),
     ],
 )
-async def test_a_node_with_a_mission_or_without_an_answer_is_not_removed_unless_forced(
+async def test_busy_or_silent_node_is_removed_by_force(
     base: Station,
     root: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -302,7 +298,7 @@ async def test_an_armed_vehicle_is_not_removed(
         await Member(base, root)._check_idle(session, force=False)
 
 
-async def test_a_node_forgets_in_its_tree_its_register_and_its_health_service() -> None:
+async def test_removed_node_leaves_tree_register_and_health() -> None:
     session = ScriptedSession({})
     asked: list[str] = []
 
@@ -317,7 +313,7 @@ async def test_a_node_forgets_in_its_tree_its_register_and_its_health_service() 
     assert asked == ["/gcs/sys/tree/forget", "/gcs/sys/register/forget", "/gcs/sys/health/clear"]
 
 
-def test_a_member_whose_file_was_not_used_is_shown_as_invited_until_it_is_seen_or_revoked(
+def test_unused_invitation_is_shown_until_seen_or_revoked(
     base: Station, root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def states() -> dict[str, str]:

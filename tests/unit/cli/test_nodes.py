@@ -69,7 +69,7 @@ LEAVES = dict(leaves(cli))
         ("*", ["gcs", "uav1", "uav2", "uav10", "ugv1"]),
     ],
 )
-def test_a_selection_is_what_stands_between_the_braces_of_a_pattern(text: str, chosen: list[str]) -> None:
+def test_selection_is_what_stands_between_braces_of_pattern(text: str, chosen: list[str]) -> None:
     selection = NodeSelection(text)
     assert selection.choose(KNOWN, "gcs") == chosen
     assert [name for name in KNOWN if selection.matches(name)] == chosen
@@ -80,7 +80,7 @@ def test_a_selection_is_what_stands_between_the_braces_of_a_pattern(text: str, c
 @pytest.mark.parametrize(
     "text", ["uav1,", ",", "/uav1", "uav1/nav", "uav[12]", "uav{1", "Uav1", "a b", "uav1,UAV*"]
 )
-def test_what_is_no_selection_is_refused_with_what_was_expected(text: str) -> None:
+def test_invalid_selection_is_refused_with_expectation(text: str) -> None:
     with pytest.raises(InvalidInput, match="expected"):
         NodeSelection(text)
 
@@ -96,7 +96,7 @@ def test_any_text_is_a_selection_or_invalid_input(text: str) -> None:
 
 
 @pytest.mark.parametrize(("text", "wrong"), [("uav1,ugv7", "ugv7"), ("uav*,usv*", "usv*"), ("b*", "b*")])
-def test_each_part_of_a_selection_must_match_a_node(text: str, wrong: str) -> None:
+def test_each_part_of_selection_must_match_node(text: str, wrong: str) -> None:
     with pytest.raises(NotFound, match=re.escape(repr(wrong)) + ".*gcs, uav1, uav2, uav10, ugv1"):
         NodeSelection(text).choose(KNOWN, "gcs")
 
@@ -118,7 +118,7 @@ def test_options_that_select_nodes_add_up(probe: Any, words: list[str], node: st
     assert probe.seen.node == node
 
 
-def test_all_goes_before_the_environment_and_not_beside_node(
+def test_all_goes_before_environment_and_not_beside_node(
     probe: Any,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -195,7 +195,7 @@ OF_ONE_NODE = {
 }
 
 
-def test_every_command_selects_nodes_by_pattern_but_for_those_that_cannot() -> None:
+def test_every_command_selects_nodes_by_pattern() -> None:
     assert {words for words, one in LEAVES.items() if one.nodes is Nodes.NONE} == set(WITHOUT_NODES)
     assert {words for words, one in LEAVES.items() if one.nodes is Nodes.ONE} == set(OF_ONE_NODE)
     for words, command in LEAVES.items():
@@ -285,9 +285,7 @@ SELECTING = [words for words, one in LEAVES.items() if one.nodes is Nodes.SOME]
 
 @pytest.mark.usefixtures("few_nodes")
 @pytest.mark.parametrize("words", SELECTING)
-def test_a_pattern_without_a_match_names_the_nodes_there_are(
-    words: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_pattern_without_match_names_nodes_there_are(words: str, capsys: pytest.CaptureFixture[str]) -> None:
     code = swarmctl([*words.split(), *typed(words), "-n", "zz*"])
     shown = capsys.readouterr()
     assert code == NotFound.exit_code, shown
@@ -342,7 +340,7 @@ def measuring(failing: Mapping[str, SwarmError]) -> Any:
     return measure
 
 
-async def test_results_of_several_nodes_are_one_table_with_the_errors_in_their_rows() -> None:
+async def test_results_of_nodes_are_one_table_with_errors() -> None:
     fleet = Fleet(node="uav*")
     with pytest.raises(Partial, match="1 of 3 nodes failed: uav2"):
         await at_each(fleet, measuring({"uav2": NoAnswer("no route")}))
@@ -387,9 +385,7 @@ async def test_one_name_is_the_command_itself() -> None:
         ({"uav1": Denied("x"), "uav2": NoAnswer("y")}, 1),
     ],
 )
-async def test_the_exit_code_is_zero_only_when_all_nodes_succeeded(
-    errors: dict[str, SwarmError], code: int
-) -> None:
+async def test_exit_code_is_zero_when_all_succeeded(errors: dict[str, SwarmError], code: int) -> None:
     try:
         await at_each(Fleet(node="uav{1,2}"), measuring(errors))
     except SwarmError as error:
@@ -455,7 +451,7 @@ async def test_one_confirmation_names_all_nodes(prompts: list[str]) -> None:
     assert command.done[-1] == "gcs", "the node through which the others are reached is the last"
 
 
-async def test_nothing_is_done_at_any_node_without_an_agreement(
+async def test_nothing_is_done_at_any_node_without_agreement(
     prompts: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refuse(text: str, **options: Any) -> bool:
@@ -473,7 +469,7 @@ async def test_nothing_is_done_at_any_node_without_an_agreement(
     assert prompts == []
 
 
-async def test_an_error_of_the_command_line_ends_all_nodes(prompts: list[str]) -> None:
+async def test_error_of_command_line_ends_all_nodes(prompts: list[str]) -> None:
     async def wrong(session: Session) -> None:
         if session.platform == "uav10":
             raise click.UsageError("--rate: expected 5hz")

@@ -26,7 +26,7 @@ LOST = LinkOutage(
 FOUND = {"sys/broker/outages": OutageTable((LOST, OVER))}
 
 
-async def test_each_outage_is_a_line_with_its_four_times() -> None:
+async def test_each_outage_is_line_with_its_four_times() -> None:
     session = ScriptedSession(FOUND)
     await list_outages(session, None)
     _, lost, over = session.stdout.getvalue().splitlines()

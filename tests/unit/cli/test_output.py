@@ -27,7 +27,7 @@ COLUMNS = (Column("node"), Column("loss", right=True))
 ROWS = (("uav1", 0.01), ("a_very_long_name_that_no_terminal_shows_whole_" + "x" * 80, 12))
 
 
-def test_a_table_that_is_no_terminals_is_plain_and_never_cut() -> None:
+def test_table_outside_terminal_is_plain_and_uncut() -> None:
     out = io.StringIO()
     Output(CliSettings(), out).table(COLUMNS, ROWS)
     lines = out.getvalue().splitlines()
@@ -82,13 +82,13 @@ def test_a_document_carries_its_schema_version_first() -> None:
     assert next(iter(json.loads(out.getvalue()))) == "schema_version"
 
 
-def test_a_document_as_yaml_is_the_same_as_json() -> None:
+def test_document_as_yaml_is_same_as_json() -> None:
     out = io.StringIO()
     Output(YAML, out).document(Links([Link("uav2", 0.5)]))
     assert yaml.safe_load(out.getvalue()) == DOCUMENT
 
 
-def test_a_list_as_json_lines_is_one_complete_document_per_item() -> None:
+def test_json_list_has_one_document_per_item() -> None:
     out = io.StringIO()
     Output(JSONL, out).document(Links([Link("a", 0), Link("b", 1)]))
     found = [json.loads(line) for line in out.getvalue().splitlines()]
@@ -105,7 +105,7 @@ def test_a_list_as_json_lines_is_one_complete_document_per_item() -> None:
 
 
 @pytest.mark.parametrize("settings", [JSON, JSONL])
-def test_items_of_a_continuous_result_are_lines_with_the_schema_version(settings: CliSettings) -> None:
+def test_continuous_items_are_lines_with_schema_version(settings: CliSettings) -> None:
     out = io.StringIO()
     printer = Output(settings, out)
     printer.line(Link("a", 0))
@@ -115,7 +115,7 @@ def test_items_of_a_continuous_result_are_lines_with_the_schema_version(settings
     assert {one["schema_version"] for one in found} == {SCHEMA_VERSION}
 
 
-def test_items_of_a_continuous_result_are_documents_of_yaml() -> None:
+def test_items_of_continuous_result_are_documents_of_yaml() -> None:
     out = io.StringIO()
     printer = Output(YAML, out)
     printer.line(Link("a", 0))
@@ -134,7 +134,7 @@ def test_integers_that_a_double_cannot_hold_are_text() -> None:
     assert json.loads(out.getvalue())["count"] == str(2**53 + 1)
 
 
-def test_what_goes_to_stderr_beside_a_structured_result_is_json_too() -> None:
+def test_stderr_beside_structured_result_is_json() -> None:
     err = io.StringIO()
     printer = Output(JSON, io.StringIO(), err)
     printer.say("starting")
@@ -153,7 +153,7 @@ def test_wide_columns_are_shown_with_wide_only() -> None:
         assert out.getvalue().split("\n")[0].split() == words
 
 
-def test_talk_goes_to_stderr_and_quiet_silences_it_but_not_warnings() -> None:
+def test_quiet_silences_talk_but_not_warnings() -> None:
     out, err = io.StringIO(), io.StringIO()
     loud, quiet = Output(CliSettings(), out, err), Output(CliSettings(quiet=True), out, err)
     loud.say("a")
@@ -165,7 +165,7 @@ def test_talk_goes_to_stderr_and_quiet_silences_it_but_not_warnings() -> None:
     assert out.getvalue() == ""
 
 
-def test_a_table_too_wide_for_the_terminal_says_what_it_hides(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_table_too_wide_reports_hidden_columns(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "24")
     columns = (Column("NODE"), Column("ADDRESS", drop=1))
     rows = (("uav1", "127.0.0.1:55777:multicast"),)
@@ -178,7 +178,7 @@ def test_a_table_too_wide_for_the_terminal_says_what_it_hides(monkeypatch: pytes
     assert rows[0][1] in out.getvalue()
 
 
-def test_a_table_without_rows_is_one_line_on_stderr() -> None:
+def test_table_without_rows_is_one_line_on_stderr() -> None:
     out, err = io.StringIO(), io.StringIO()
     Output(CliSettings(), out, err).table(COLUMNS, (), "title", empty="uav1: no neighbours")
     Output(CliSettings(), out, err).table(COLUMNS, ())
@@ -186,7 +186,7 @@ def test_a_table_without_rows_is_one_line_on_stderr() -> None:
     assert err.getvalue().splitlines() == ["uav1: no neighbours", "nothing to list"]
 
 
-def test_of_several_nodes_those_without_rows_are_named_beside_the_table() -> None:
+def test_nodes_without_rows_are_named_beside_table() -> None:
     out, err = io.StringIO(), io.StringIO()
     shown = Output(CliSettings(), out, err)
     outputs = {name: NodeOutput(name, shown) for name in ("uav1", "uav2")}

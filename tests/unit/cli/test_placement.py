@@ -82,7 +82,7 @@ NAV = UnitPlacement("uav1", "nav", 3.0, 2, 30.0, (app("broker"), app("estimator"
         ),
     ],
 )
-def test_the_delay_the_link_the_overhead_and_the_capacity_decide(
+def test_delay_link_overhead_and_capacity_decide(
     fc: UnitPlacement, rate_bit_s: float | None, verdict: str, reason: str
 ) -> None:
     nav = msgspec.structs.replace(NAV, rates_bit_s={} if rate_bit_s is None else {"fc": rate_bit_s})
@@ -96,13 +96,13 @@ def test_the_delay_the_link_the_overhead_and_the_capacity_decide(
     assert report.objections or verdict not in elsewhere
 
 
-def test_a_stated_rate_takes_the_place_of_the_reported_one() -> None:
+def test_stated_rate_takes_place_of_reported_one() -> None:
     nav = msgspec.structs.replace(NAV, rates_bit_s={"fc": 25_000.0})
     assert judge("uav1", [nav, unit(pose())]).objections
     assert not judge("uav1", [nav, unit(pose())], 1e6).objections
 
 
-def test_of_a_computer_over_capacity_the_heaviest_module_leaves() -> None:
+def test_heaviest_module_leaves_overloaded_computer() -> None:
     report = judge("ugv1", [unit(busy_percent=190.0)], LINK)
     assert [(one.application, one.verdict) for one in report.modules] == [
         ("guidance", "separate"),
@@ -115,14 +115,14 @@ def test_of_a_computer_over_capacity_the_heaviest_module_leaves() -> None:
     assert [one.verdict for one in alone.modules] == ["here"], "it is alone: another place gains nothing"
 
 
-def test_the_overhead_is_known_where_the_communication_layer_has_its_own_processes() -> None:
+def test_overhead_is_known_with_separate_communication_processes() -> None:
     (apart,) = judge("uav1", [unit()], LINK).units
     assert apart.communication_percent == 1.5
     (shared,) = judge("uav1", [unit(apps=(app("broker", 9.0, 12), app("tree", 9.0, 12)))], LINK).units
     assert shared.communication_percent is None
 
 
-def test_the_bytes_between_two_computers_have_their_headers_and_a_silent_one_is_named() -> None:
+def test_bytes_between_computers_have_headers() -> None:
     report = judge("uav1", [NAV, unit(pose(), pose())], LINK, ["main"])
     (link,) = report.links
     assert (link.sender, link.receiver) == ("nav", "fc")

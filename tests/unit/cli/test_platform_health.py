@@ -47,7 +47,7 @@ class SessionWithUnits(ScriptedSession):
         assert platform.partition(".")[0] == "uav1"
 
 
-def test_the_worst_computer_decides_and_its_faults_come_first_with_its_name() -> None:
+def test_worst_computer_decides_and_is_listed_first() -> None:
     state = merged({"fc": WARM, "main": WELL, "nav": ILL})
     assert (state.level, state.guard) == ("error", "hung")
     assert (state.battery, state.battery_ratio) == ("ok", 0.9)
@@ -56,7 +56,7 @@ def test_the_worst_computer_decides_and_its_faults_come_first_with_its_name() ->
     assert (state.fault_count, state.checks, state.apps_alive, state.apps_failed) == (2, 7, 12, 1)
 
 
-def test_a_computer_that_does_not_answer_is_an_error_of_the_platform() -> None:
+def test_silent_computer_is_error_of_platform() -> None:
     state = merged({"fc": None, "main": WELL})
     assert (state.level, state.faults, state.fault_count) == ("error", ("fc: no answer",), 1)
 
@@ -69,13 +69,13 @@ async def test_the_list_of_platforms_has_the_merged_state() -> None:
     assert row["state"]["faults"] == ["nav: app/estimator=died"]
 
 
-async def test_of_a_platform_with_one_computer_its_own_state_is_shown() -> None:
+async def test_single_computer_shows_its_own_state() -> None:
     found = SessionWithUnits(("main",), copied("uav1", ILL))
     await list_states(found)
     assert found.document["platforms"][0]["state"]["faults"] == ["app/estimator=died"]
 
 
-async def test_a_platform_of_which_no_computer_answers_has_the_error_of_the_first() -> None:
+async def test_fully_silent_platform_has_first_error() -> None:
     silent = {f"{COPY} /uav1.{unit}/health/state": NoAnswer(f"{unit} is silent") for unit in ("nav", "fc")}
     with pytest.raises(NoAnswer, match="fc is silent"):
         await list_states(SessionWithUnits(("nav", "fc"), silent))

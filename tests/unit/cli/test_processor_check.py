@@ -84,7 +84,7 @@ def test_hostile_input_is_named(tmp_path: Path, refused: Refused, verdict: str, 
     assert (found.check, found.verdict, found.text) == ("refused", verdict, text)
 
 
-def test_commands_of_a_neighbour_whose_clock_was_not_known_are_told_without_a_warning(tmp_path: Path) -> None:
+def test_delayed_neighbour_commands_are_reported_without_warning(tmp_path: Path) -> None:
     with RingWriter(ring_file(tmp_path, BOARD), slots=4, slot_bytes=1024) as ring:
         ring.write(frame(0, 1.0, Refused(undated=3)))
         undated, refused = hostile_input(tmp_path)

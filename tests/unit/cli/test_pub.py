@@ -84,7 +84,7 @@ def wanted(*words: str, **more: Any) -> ValuesToPublish:
         (("seq=1", "kind=goto"), {"type": "Goal"}, Goal(1, GoalKind.GOTO)),
     ],
 )
-async def test_a_new_resource_has_the_type_of_its_value_or_the_named_one(
+async def test_new_resource_has_type_of_value_or_name(
     words: tuple[str, ...], more: dict[str, str], value: msgspec.Struct
 ) -> None:
     session = Publishing()
@@ -94,7 +94,7 @@ async def test_a_new_resource_has_the_type_of_its_value_or_the_named_one(
     assert session.stdout.getvalue() == f"{PATH}: 1 value of type {type(value).__name__} published\n"
 
 
-async def test_a_resource_of_the_template_without_an_owner_keeps_its_type_kind_unit_and_range() -> None:
+async def test_ownerless_template_resource_keeps_its_description() -> None:
     entry = TreeEntry(PATH, Kind.EVENT, "Float", unit="m", range=(0.0, 9.0), access="rw")
     session = Publishing(entry)
     await publish(session, PATH, wanted("3"), yes=False)
@@ -106,14 +106,14 @@ async def test_a_resource_of_the_template_without_an_owner_keeps_its_type_kind_u
         await publish(session, PATH, wanted("3", type="Int"), yes=False)
 
 
-async def test_what_a_former_command_left_in_the_tree_does_not_determine_the_type() -> None:
+async def test_former_commands_remains_do_not_determine_type() -> None:
     session = Publishing(TreeEntry(PATH, Kind.EVENT, "Int", owner="swarmctl"))
     await publish(session, PATH, wanted("2.5"), yes=False)
     assert session.written == [Float(2.5)]
     assert session.resources[0].kind is Kind.BOARD
 
 
-async def test_values_are_repeated_at_their_rate_and_counted_in_the_document() -> None:
+async def test_values_repeat_at_rate_and_are_counted() -> None:
     session = Publishing(output="json")
     await publish(session, PATH, wanted("1.5", rate_hz=1000.0, count=4), yes=False)
     assert session.written == [Float(1.5)] * 4
@@ -123,7 +123,7 @@ async def test_values_are_repeated_at_their_rate_and_counted_in_the_document() -
     assert document["duration_s"] >= 0.003
 
 
-async def test_what_was_published_is_printed_after_an_interruption_as_well() -> None:
+async def test_published_values_are_printed_after_interruption() -> None:
     session = Publishing(output="json")
     task = asyncio.create_task(publish(session, PATH, wanted("1.5", rate_hz=0.01), yes=False))
     await session.wrote.wait()
@@ -133,7 +133,7 @@ async def test_what_was_published_is_printed_after_an_interruption_as_well() -> 
     assert session.document["values"] == 1, "the first value does not wait for a period"
 
 
-async def test_a_type_that_only_another_platform_describes_is_published() -> None:
+async def test_type_that_only_another_platform_describes_is_published() -> None:
     fields = (FieldDescription("fallen_m", "float"), FieldDescription("of", "str"))
     described = TypeDescription((StructDescription("Rain", fields, array=True),))
     session = Publishing()
@@ -160,7 +160,7 @@ async def test_a_type_that_only_another_platform_describes_is_published() -> Non
         ("/gcs/Test", None, ("1",), InvalidInput, "expected"),
     ],
 )
-async def test_what_another_owner_publishes_or_is_not_published_is_refused_with_the_reason(
+async def test_foreign_or_unpublished_resource_is_refused_with_reason(
     path: str, entry: TreeEntry | None, words: tuple[str, ...], error: type[SwarmError], said: str
 ) -> None:
     session = Publishing(entry)
@@ -170,12 +170,12 @@ async def test_what_another_owner_publishes_or_is_not_published_is_refused_with_
     assert session.stdout.getvalue() == ""
 
 
-async def test_a_resource_that_a_running_application_writes_is_refused() -> None:
+async def test_resource_that_running_application_writes_is_refused() -> None:
     with pytest.raises(Denied, match="another application publishes it"):
         await publish(Publishing(busy=True), PATH, wanted("1"), yes=True)
 
 
-async def test_what_asks_for_a_confirmation_is_not_published_without() -> None:
+async def test_dangerous_resource_is_not_published_unconfirmed() -> None:
     session = Publishing(TreeEntry(PATH, Kind.BOARD, "Float", access="rw", confirm="it may move"))
     with pytest.raises(click.UsageError, match="publish /gcs/test/height: it may move"):
         await publish(session, PATH, wanted("1"), yes=False)

@@ -75,7 +75,7 @@ def test_anything_else_is_no_rate(text: str) -> None:
         (273_600, "3d04h"),
     ],
 )
-def test_a_span_is_spoken_in_two_units_at_most(span: float, text: str) -> None:
+def test_span_is_spoken_in_two_units_at_most(span: float, text: str) -> None:
     # rounding up must not give 60 seconds or 60 minutes
     assert spoken(span) == text
 
@@ -92,7 +92,7 @@ def test_a_span_is_spoken_in_two_units_at_most(span: float, text: str) -> None:
         ("1970-01-02", 86_400_000_000_000),
     ],
 )
-def test_an_instant_is_so_long_ago_or_a_date_in_utc(text: str, utc_ns: int) -> None:
+def test_instant_is_relative_or_date_in_utc(text: str, utc_ns: int) -> None:
     assert instant_ns(text, NOW_NS) == utc_ns
 
 
@@ -102,12 +102,12 @@ def test_anything_else_is_no_instant(text: str) -> None:
         instant_ns(text, NOW_NS)
 
 
-def test_an_instant_is_written_as_it_can_be_typed() -> None:
+def test_instant_is_written_as_it_can_be_typed() -> None:
     assert utc_text(1_500_000_000) == "1970-01-01T00:00:01.500Z"
     assert instant_ns(utc_text(1_500_000_000), NOW_NS) == 1_500_000_000
 
 
-def test_a_pattern_without_a_platform_means_the_one_asked_about_or_all() -> None:
+def test_pattern_without_platform_means_asked_or_all() -> None:
     assert absolute("nav/*", CliSettings()) == "/*/nav/*"
     assert absolute("nav/*", CliSettings(node="uav1")) == "/uav1/nav/*"
     assert absolute("/ugv1/nav/*", CliSettings(node="uav1")) == "/ugv1/nav/*"

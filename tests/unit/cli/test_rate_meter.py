@@ -17,7 +17,7 @@ def meter(
     return found
 
 
-def test_a_board_of_20_hz_that_arrives_at_10_hz_is_seen_as_both() -> None:
+def test_halved_rate_of_20_hz_board_is_shown() -> None:
     found = meter(count=21, written_every_ms=50, arrives_each=2)
     assert found.written_hz == pytest.approx(20.0)
     assert found.here_hz == pytest.approx(10.0)
@@ -39,21 +39,21 @@ def test_intervals_sizes_and_delays_have_their_distribution() -> None:
     assert (found.delays_s.mean, found.delays_s.std) == (0.005, 0.0)
 
 
-def test_one_value_has_no_rate_and_none_has_nothing() -> None:
+def test_single_value_has_no_rate_none_nothing() -> None:
     none = RateMeter()
     assert (none.here_hz, none.intervals_s, none.span_s) == (None, None, 0)
     one = meter(count=1, written_every_ms=10)
     assert (one.written_hz, one.here_hz, one.bytes_per_s, one.intervals_s) == (None, None, None, None)
 
 
-def test_only_the_window_counts_and_a_restart_of_the_owner_begins_again() -> None:
+def test_only_window_counts_and_owners_restart_resets() -> None:
     found = meter(count=100, written_every_ms=10, window_s=0.1)
     assert len(found) == 11
     found.add(Observation(1, 5, 2000 * MS))
     assert (len(found), found.written_hz) == (1, None)
 
 
-def test_values_that_were_numbered_on_arrival_say_nothing_of_their_owner_until_its_counter_is_read() -> None:
+def test_values_numbered_on_arrival_await_owners_counter() -> None:
     found = RateMeter(numbered=False)
     for number in range(10):
         found.add(Observation(number + 1, number * 100 * MS, number * 100 * MS))

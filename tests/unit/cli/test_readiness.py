@@ -67,7 +67,7 @@ def known(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(readiness, "kinds", kinds)
 
 
-async def test_all_that_are_ready_are_listed_with_what_was_looked_at() -> None:
+async def test_all_ready_nodes_are_listed_with_checks() -> None:
     session = Vehicles({"uav1": READY, "uav2": READY}, output="table")
     await show_readiness(session)
     lines = session.stdout.getvalue().splitlines()
@@ -83,7 +83,7 @@ async def test_warnings_follow_and_do_not_refuse() -> None:
     assert [line.split() for line in lines[2:]] == [["uav1", "warning", "realtime", "hal/realtime=refused"]]
 
 
-async def test_some_that_are_not_ready_are_a_partial_success_with_one_line_an_item() -> None:
+async def test_unready_nodes_are_partial_success_by_line() -> None:
     session = Vehicles({"uav1": READY, "uav2": LOW}, output="table")
     with pytest.raises(Partial, match=r"^not ready: uav2$"):
         await show_readiness(session)
@@ -118,7 +118,7 @@ async def test_a_vehicle_without_a_monitor_is_unknown() -> None:
     assert row["not_ready"][0]["reason"] == "no health/ready; expected it of the service health"
 
 
-async def test_one_that_does_not_answer_is_named_and_alone_it_is_the_error() -> None:
+async def test_silent_node_is_named_and_alone_error() -> None:
     silent = NoAnswer("uav2: no route")
     session = Vehicles({"uav1": READY, "uav2": silent}, output="table")
     with pytest.raises(Partial, match="not ready: uav2"):
@@ -129,7 +129,7 @@ async def test_one_that_does_not_answer_is_named_and_alone_it_is_the_error() -> 
         await show_readiness(Vehicles({"uav2": silent}, node="uav2"))
 
 
-async def test_a_ground_station_has_none_and_a_swarm_without_vehicles_neither() -> None:
+async def test_swarm_without_vehicles_has_no_readiness() -> None:
     with pytest.raises(InvalidInput, match="gcs: a ground station; expected a vehicle"):
         await show_readiness(Vehicles({"uav1": READY}, node="gcs"))
     with pytest.raises(NotFound, match="no vehicle is known to gcs"):

@@ -49,7 +49,7 @@ class Guarded(ScriptedSession):
         return GuardStatus(SupervisorKind.SELF, tuple(found))
 
 
-async def test_what_an_armed_vehicle_flies_with_is_restarted_by_force_only() -> None:
+async def test_service_of_armed_vehicle_restarts_by_force() -> None:
     session = Guarded(armed=True)
     with pytest.raises(Denied, match="uav1 is armed and flies with navigator"):
         await restart(session, ("logger", "navigator"), 1.0, yes=True, force=False)
@@ -68,21 +68,21 @@ async def test_nothing_is_restarted_before_the_operator_agrees() -> None:
     assert session.restarts["navigator"] == 0
 
 
-async def test_all_services_of_a_node_are_restarted_in_order_and_printed() -> None:
+async def test_all_services_restart_in_order_and_print() -> None:
     session = Guarded(armed=False, output="json")
     await restart(session, (), 1.0, yes=True, force=False)
     assert [one["name"] for one in session.document["services"]] == ["navigator", "logger"]
     assert {one["restarts"] for one in session.document["services"]} == {1}
 
 
-async def test_a_service_that_does_not_run_again_is_an_error() -> None:
+async def test_service_that_does_not_run_again_is_error() -> None:
     session = Guarded(armed=False)
     session.revives = False
     with pytest.raises(NoAnswer, match=r"logger of uav1: does not run again within 0.05 s"):
         await restart(session, ("logger",), 0.05, yes=True, force=False)
 
 
-async def test_an_unknown_service_is_not_found_before_a_question_is_asked() -> None:
+async def test_unknown_service_is_reported_before_question() -> None:
     session = Guarded(armed=False)
     with pytest.raises(NotFound, match=r"'gps' of uav1: .* expected one of navigator, logger"):
         await restart(session, ("gps",), 1.0, yes=False, force=False)

@@ -21,7 +21,7 @@ def run(*words: str, stdin: bytes = b"") -> tuple[int, str]:
     return result.exit_code, result.output.strip()
 
 
-def test_a_secret_is_given_or_read_from_a_file_or_a_line_of_stdin(tmp_path: Path) -> None:
+def test_secret_comes_from_argument_file_or_stdin(tmp_path: Path) -> None:
     file = tmp_path / "secret"
     file.write_text("  mongodb://u:p@db/swarm\n")
     assert run("abc") == (0, "abc|")
@@ -42,9 +42,7 @@ def test_a_secret_is_given_or_read_from_a_file_or_a_line_of_stdin(tmp_path: Path
         (b"x" * (LIMIT_BYTES + 1), "more than 4096"),
     ],
 )
-def test_a_secret_that_cannot_be_one_is_refused_with_its_place(
-    tmp_path: Path, content: bytes, text: str
-) -> None:
+def test_invalid_secret_is_refused_with_place(tmp_path: Path, content: bytes, text: str) -> None:
     file = tmp_path / "secret"
     file.write_bytes(content)
     code, said = run(f"@{file}")

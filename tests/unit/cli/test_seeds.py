@@ -23,7 +23,7 @@ def file(node: NodeKeys) -> Path:
     return node.config_dir / "services/broker.toml"
 
 
-def test_a_seed_is_entered_once_in_the_shipped_file_whose_comments_stay(node: NodeKeys) -> None:
+def test_seed_is_entered_once_and_comments_stay(node: NodeKeys) -> None:
     shipped = (Path(__file__).parents[3] / "etc/swarm/services/broker.toml").read_text()
     file(node).write_text(shipped)
     assert add_seed(node, SEED)
@@ -44,7 +44,7 @@ def test_a_file_without_the_key_gets_it(node: NodeKeys, text: str | None) -> Non
 @pytest.mark.parametrize(
     "text", ['seeds = [\n  "a:1",\n]\n', "seeds=['a:1']\n", "nonsense = 1\n", "unicast_port = "]
 )
-def test_a_file_that_is_not_clear_stays_as_it_is(node: NodeKeys, text: str) -> None:
+def test_unclear_file_stays_unchanged(node: NodeKeys, text: str) -> None:
     file(node).write_text(text)
     with pytest.raises(ConfigError, match="broker"):
         add_seed(node, SEED)

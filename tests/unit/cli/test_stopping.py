@@ -70,7 +70,7 @@ def at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(stopping, "POLL_S", 0.0)
 
 
-async def test_services_are_stopped_and_started_and_shown_with_who_stopped_them() -> None:
+async def test_services_are_stopped_started_and_shown() -> None:
     session = Guarded()
     await stopping.stop(session, ("logger",), 5.0, yes=True, force=False)
     assert session.stdout.getvalue().splitlines()[1].split() == ["logger", "stopped", "by", "ann@gcs", "7"]
@@ -92,7 +92,7 @@ async def test_services_are_stopped_and_started_and_shown_with_who_stopped_them(
         (("logger",), {"supervisor": SupervisorKind.SYSTEMD}, Denied, "systemctl stop swarmd@logger"),
     ],
 )
-async def test_what_cannot_be_stopped_is_refused_before_the_question(
+async def test_unstoppable_service_is_refused_before_question(
     names: tuple[str, ...], options: dict[str, Any], error: type[Exception], text: str
 ) -> None:
     session = Guarded(**options)
@@ -101,21 +101,21 @@ async def test_what_cannot_be_stopped_is_refused_before_the_question(
     assert not any(asked.startswith("stop") for asked in session.asked)
 
 
-async def test_the_operator_is_asked_before_a_service_is_stopped() -> None:
+async def test_operator_is_asked_before_service_is_stopped() -> None:
     session = Guarded(armed=True)
     with pytest.raises(click.UsageError, match=r"uav1: stop navigator, with .*expected --yes"):
         await stopping.stop(session, ("navigator",), 5.0, yes=False, force=True)
     assert session.states["navigator"] == ServiceState.RUNNING
 
 
-async def test_a_service_that_does_not_stop_in_time_is_an_error() -> None:
+async def test_service_that_does_not_stop_is_error() -> None:
     session = Guarded()
     session.obeys = False
     with pytest.raises(NoAnswer, match=r"logger \(running\) of uav1: not stopped within 0.5 s"):
         await stopping.stop(session, ("logger",), 0.5, yes=True, force=False)
 
 
-async def test_the_list_of_applications_shows_who_stopped_a_service() -> None:
+async def test_list_of_applications_shows_who_stopped_service() -> None:
     for output in ("table", "json"):
         session = Guarded(output=output)
         session.states["logger"] = ServiceState.STOPPED
@@ -129,7 +129,7 @@ async def test_the_list_of_applications_shows_who_stopped_a_service() -> None:
             assert last.split()[:5] == ["uav1", "logger", "stopped", "by", "ann@gcs"]
 
 
-async def test_applications_are_listed_from_the_joined_node_while_their_register_is_stopped() -> None:
+async def test_applications_are_listed_while_register_is_stopped() -> None:
     session = Guarded()
     session.states["register"] = ServiceState.STOPPED
     table = ApplicationTable("uav1", "main", 1, 1, 1, "pid 9", 1, (Application("sim", 1, 9, 0),))

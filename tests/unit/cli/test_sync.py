@@ -24,7 +24,7 @@ def stats(followed: int, structures: int, subscriptions: int) -> TreeStats:
         ((15, 15, 15), None, "synced 15/15"),
     ],
 )
-def test_a_node_is_synchronised_when_both_directions_agree_by_digest(
+def test_node_is_synchronised_when_digests_agree(
     counters: tuple[int, int, int], replica: TreePlatform | None, expected: str
 ) -> None:
     assert str(node_sync(stats(*counters), replica)) == expected

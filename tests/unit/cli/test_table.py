@@ -23,7 +23,7 @@ def words(place: int) -> set[str]:
     return {word for row in (*CELLS, NAMES) for word in row[place].split()}
 
 
-def test_a_table_that_has_room_is_one_line_per_row() -> None:
+def test_table_with_room_is_one_line_per_row() -> None:
     assert fitted_table(COLUMNS, CELLS, 200) == fitted_table(COLUMNS, CELLS)
     assert fitted_table(COLUMNS, CELLS, 200).rows == [
         "uav1       127.0.0.1:55777  multicast       0 %  waits at the barrier formed",
@@ -32,14 +32,14 @@ def test_a_table_that_has_room_is_one_line_per_row() -> None:
 
 
 @pytest.mark.parametrize("width", range(24, 120))
-def test_no_word_is_broken_and_no_line_too_long_at_any_width(width: int) -> None:
+def test_no_width_breaks_words_or_exceeds_lines(width: int) -> None:
     table = fitted_table(COLUMNS, CELLS, width)
     assert max(map(len, table.text.splitlines())) <= width
     kept = [place for place, name in enumerate(NAMES) if name not in table.hidden]
     assert set(table.text.split()) == set[str]().union(*map(words, kept))
 
 
-def test_headers_are_wrapped_first_then_columns_hidden_then_cells_wrapped() -> None:
+def test_headers_wrap_first_then_columns_hide() -> None:
     natural = len(fitted_table(COLUMNS, CELLS).rows[0])
     header = fitted_table(COLUMNS, CELLS, natural - 3)
     assert (header.hidden, len(header.header), len(header.rows)) == ([], 2, 2)
@@ -52,7 +52,7 @@ def test_headers_are_wrapped_first_then_columns_hidden_then_cells_wrapped() -> N
     assert cells.rows[1].strip() == "formed"
 
 
-def test_a_path_is_broken_after_its_slashes_only_when_nothing_else_helps() -> None:
+def test_path_breaks_after_slashes_as_last_resort() -> None:
     columns = (Column("PATH"), Column("N", right=True))
     cells = (("/uav1/sensor/a_rather_long_name/range", "7"),)
     assert fitted_table(columns, cells, 40).rows == ["/uav1/sensor/a_rather_long_name/range  7"]
@@ -62,7 +62,7 @@ def test_a_path_is_broken_after_its_slashes_only_when_nothing_else_helps() -> No
     assert narrow == ["/uav1/sensor/", "a_rather_long_name/", "range"], "a name stays whole"
 
 
-def test_a_column_of_texts_is_wrapped_before_another_is_hidden() -> None:
+def test_text_column_wraps_before_another_hides() -> None:
     cells = (("tree/services", "a long list of names that has no place", "node.toml:4"),)
     for wraps in (True, False):
         columns = (Column("KEY"), Column("VALUE", wraps=wraps), Column("FROM", drop=1))
@@ -109,7 +109,7 @@ def test_cells_are_written_for_people(cell: Cell, text: str) -> None:
     assert show(cell) == text
 
 
-def test_one_long_value_does_not_stretch_the_lines_of_a_pipe() -> None:
+def test_long_value_does_not_stretch_piped_lines() -> None:
     columns = [Column("KEY"), Column("VALUE", wraps=True), Column("FROM")]
     rows = [["services", "x" * 500, "default"], ["platform", "uav1", "node.toml"]]
     table = fitted_table(columns, rows)

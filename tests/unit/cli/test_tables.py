@@ -174,7 +174,7 @@ def columns(path: Path) -> dict[str, list[Any]]:
         ("a." * 300, "a_" * 49 + "a_"),
     ],
 )
-def test_the_name_of_a_type_becomes_the_name_of_a_file_in_the_folder(name: str, expected: str) -> None:
+def test_type_name_becomes_file_name_in_folder(name: str, expected: str) -> None:
     assert safe_name(name) == expected or (name.startswith("a.") and len(safe_name(name)) <= 100)
 
 
@@ -193,9 +193,7 @@ HOSTILE = [
 
 
 @pytest.mark.parametrize("form", ["csv", "parquet"])
-def test_types_from_a_log_never_name_a_file_outside_the_folder_and_never_share_one(
-    form: str, tmp_path: Path
-) -> None:
+def test_types_from_log_stay_inside_folder(form: str, tmp_path: Path) -> None:
     if form == "parquet":
         pytest.importorskip("pyarrow")
     target = tmp_path / "a" / "b"
@@ -218,7 +216,7 @@ def test_types_from_a_log_never_name_a_file_outside_the_folder_and_never_share_o
 
 
 @pytest.mark.parametrize("form", ["csv", "parquet"])
-def test_a_refused_export_leaves_the_former_file_and_nothing_else(form: str, tmp_path: Path) -> None:
+def test_refused_export_leaves_former_file_and_nothing_else(form: str, tmp_path: Path) -> None:
     if form == "parquet":
         pytest.importorskip("pyarrow")
     target = tmp_path / f"x.{form}"
@@ -239,7 +237,7 @@ def test_a_refused_export_leaves_the_former_file_and_nothing_else(form: str, tmp
     assert list(tmp_path.iterdir()) == [target]
 
 
-def test_parquet_columns_are_those_of_the_fields_whatever_the_values_are(tmp_path: Path) -> None:
+def test_parquet_columns_follow_fields_not_values(tmp_path: Path) -> None:
     for name, values in (("a", [SURVEY]), ("b", [EMPTY]), ("c", [EMPTY, SURVEY])):
         entries = [survey(one, number) for number, one in enumerate(values)]
         export(iter(entries), "parquet", f"{tmp_path}/{name}.parquet")
@@ -256,7 +254,7 @@ def test_parquet_columns_are_those_of_the_fields_whatever_the_values_are(tmp_pat
     assert found["path"] == ["/uav1/x/y"] * 2 and found["value.path"] == ["", "inner"]
 
 
-def test_a_type_of_a_module_that_is_not_installed_has_the_same_columns() -> None:
+def test_uninstalled_module_type_has_same_columns() -> None:
     from swarmware.recorder.payload_type import payload_class
 
     text = logged_description(msgspec.json.encode(describe(Survey)).decode())
@@ -286,7 +284,7 @@ def test_two_versions_of_a_type_are_two_tables(tmp_path: Path) -> None:
     assert [list(table[0])[5:] for table in tables] == [["a"], ["a", "b"], ["value"]]
 
 
-def test_csv_has_bytes_as_base64_and_lists_as_json(tmp_path: Path) -> None:
+def test_csv_has_base64_bytes_and_json_lists(tmp_path: Path) -> None:
     export(iter([survey(SURVEY), survey(EMPTY, 2)]), "csv", f"{tmp_path}/x.csv")
     first, second = rows(tmp_path / "x.csv")
     assert (first["data"], first["raw"], first["any"]) == ("AP8=", '["AQ=="]', '{"b":"Ag=="}')
@@ -309,7 +307,7 @@ COLLIDING = [
 
 
 @pytest.mark.parametrize("value, expected", COLLIDING)
-def test_a_value_of_an_unknown_type_keeps_all_its_parts(
+def test_value_of_unknown_type_keeps_all_its_parts(
     value: Any, expected: dict[str, Any], tmp_path: Path
 ) -> None:
     export(unknown(value), "csv", f"{tmp_path}/x.csv")
@@ -338,7 +336,7 @@ def test_a_value_of_an_unknown_type_keeps_all_its_parts(
         ([None, None], "string", [None, None]),
     ],
 )
-def test_a_column_of_an_unknown_type_holds_every_value_that_it_had(
+def test_column_of_unknown_type_holds_every_value(
     values: list[Any], kind: str, expected: list[Any], tmp_path: Path
 ) -> None:
     export(unknown(*({"a": value} for value in values)), "parquet", f"{tmp_path}/x.parquet")
@@ -346,7 +344,7 @@ def test_a_column_of_an_unknown_type_holds_every_value_that_it_had(
     assert (str(table.schema.field("a").type), table.column("a").to_pylist()) == (kind, expected)
 
 
-def test_a_map_with_more_keys_than_columns_is_one_cell(tmp_path: Path) -> None:
+def test_map_with_many_keys_is_one_cell(tmp_path: Path) -> None:
     export(unknown({str(n): n for n in range(3000)}, {"a": 1}), "csv", f"{tmp_path}/x.csv")
     first, second = rows(tmp_path / "x.csv")
     assert len(json.loads(first["value"])) == 3000 and json.loads(second["value"]) == {"a": 1}
@@ -360,7 +358,7 @@ def stamped() -> Iterator[LogEntry]:
         yield entry("Pose", registry.encode(Pose(1.0, 2.0)), number, utc_ns=stamp, stamp_ns=stamp)
 
 
-def test_odd_stamps_are_exact_in_text_and_null_and_counted_where_64_bits_end(tmp_path: Path) -> None:
+def test_odd_stamps_are_text_null_and_counted(tmp_path: Path) -> None:
     export(stamped(), "csv", f"{tmp_path}/x.csv")
     assert [int(row["utc_ns"]) for row in rows(tmp_path / "x.csv")] == STAMPS
     export(stamped(), "jsonl", f"{tmp_path}/x.jsonl")
@@ -390,7 +388,7 @@ def test_odd_stamps_become_the_nearest_time_of_mcap(tmp_path: Path) -> None:
     assert sorted(found) == [0, 0, 2**63 - 1, 2**63, 2**64 - 1]
 
 
-def test_a_number_beyond_its_column_is_null_and_counted(tmp_path: Path) -> None:
+def test_number_beyond_its_column_is_null_and_counted(tmp_path: Path) -> None:
     lost = LostValues()
     odd = msgspec.structs.replace(SURVEY, count=2**63, digest=-1)
     export(iter([survey(odd), survey(SURVEY, 2)]), "parquet", f"{tmp_path}/x.parquet", lost=lost)
@@ -402,9 +400,7 @@ def test_a_number_beyond_its_column_is_null_and_counted(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("form", ["jsonl", "csv", "parquet", "mcap", "msgpack"])
 @pytest.mark.parametrize("levels", [200, 900])
-def test_a_value_nested_too_deep_is_left_out_and_counted_and_the_rest_goes_on(
-    form: str, levels: int, tmp_path: Path
-) -> None:
+def test_value_nested_too_deep_is_counted_and_omitted(form: str, levels: int, tmp_path: Path) -> None:
     lost = LostValues()
     entries = [entry("Deep", b"\x81\xa1n" * levels + b"\x01"), *unknown({"n": 1}, type_name="Deep")]
     assert export(iter(entries), form, f"{tmp_path}/x", lost=lost) == 2
@@ -417,7 +413,7 @@ def test_a_value_nested_too_deep_is_left_out_and_counted_and_the_rest_goes_on(
         assert len(rows(tmp_path / "x")) == 2
 
 
-def test_values_that_do_not_fit_their_type_are_a_table_of_their_own(tmp_path: Path) -> None:
+def test_mistyped_values_are_table_of_their_own(tmp_path: Path) -> None:
     good = entry("BatteryState", registry.encode(BatteryState(12.0, 1.0, 0.5)), 1)
     bad = entry("BatteryState", msgspec.msgpack.encode(["much"]), 2)
     export(iter([good, bad]), "csv", f"{tmp_path}/")
@@ -452,9 +448,7 @@ print(int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[
 
 @pytest.mark.parametrize("type_name", ["Pose", "Unheard"])
 @pytest.mark.parametrize("form", ["csv", "parquet"])
-def test_the_memory_of_an_export_does_not_grow_with_its_rows(
-    form: str, type_name: str, tmp_path: Path
-) -> None:
+def test_memory_of_export_is_constant_over_rows(form: str, type_name: str, tmp_path: Path) -> None:
     if form == "parquet":
         pytest.importorskip("pyarrow")
     target = str(tmp_path / "x")

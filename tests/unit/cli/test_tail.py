@@ -32,14 +32,14 @@ def times(entries: list[LogEntry]) -> list[int]:
     return [one.utc_ns for one in entries]
 
 
-def test_what_a_batch_brings_from_before_the_command_began_is_left_out() -> None:
+def test_batch_entries_before_start_are_left_out() -> None:
     order = Interleaving(["a"], BEGAN, 0)
     order.on_batch("a", map(entry, (600, 990)), 995, 1)
     order.on_batch("a", map(entry, (997, BEGAN, 1_200)), 1_300, 2)
     assert times(order.ready(2)) == [BEGAN, 1_200]
 
 
-def test_entries_of_several_loggers_come_in_the_order_in_which_they_were_recorded() -> None:
+def test_entries_of_several_loggers_are_in_order() -> None:
     order = Interleaving(["a", "b"], BEGAN, 0)
     order.on_batch("a", map(entry, (1_100, 1_500)), 1_501, 1)
     assert order.ready(1) == [], "b may come with an older one"
@@ -49,7 +49,7 @@ def test_entries_of_several_loggers_come_in_the_order_in_which_they_were_recorde
     assert times(order.ready(3)) == [1_460, 1_500]
 
 
-def test_a_logger_that_does_not_report_holds_the_others_up_for_a_bounded_time() -> None:
+def test_silent_logger_delays_others_for_bounded_time() -> None:
     order = Interleaving(["a", "b"], BEGAN, 0)
     assert order.deadline_ns(0) is None
     order.on_batch("a", map(entry, (1_100,)), 1_200, 10)
@@ -62,14 +62,14 @@ def test_a_logger_that_does_not_report_holds_the_others_up_for_a_bounded_time() 
     assert times(order.ready(PATIENCE_NS + 2)) == [1_320], "late rather than never"
 
 
-def test_a_wall_clock_that_is_set_back_hides_nothing() -> None:
+def test_wall_clock_that_is_set_back_hides_nothing() -> None:
     order = Interleaving(["a"], BEGAN, 0)
     order.on_batch("a", map(entry, (1_100,)), 1_200, 1)
     order.on_batch("a", map(entry, (300, 350)), 400, 2)
     assert times(order.ready(2)) == [300, 350, 1_100]
 
 
-def test_what_is_written_before_a_segment_has_a_successor_is_read(tmp_path: Path) -> None:
+def test_entries_before_next_segment_are_read(tmp_path: Path) -> None:
     old = SegmentWriter(tmp_path / "00000001.mcap", {})
     old.append(CHANNEL, 1, 0, BEGAN, b"\xc0")
     old.flush()
@@ -85,7 +85,7 @@ def test_what_is_written_before_a_segment_has_a_successor_is_read(tmp_path: Path
     assert list(growing.entries()) == []
 
 
-def test_a_segment_that_the_ring_removed_does_not_end_the_tail(tmp_path: Path) -> None:
+def test_segment_that_ring_removed_does_not_end_tail(tmp_path: Path) -> None:
     SegmentWriter(tmp_path / "00000001.mcap", {}).close()
     growing = SegmentFollower(tmp_path)
     (tmp_path / "00000001.mcap").unlink()
@@ -95,7 +95,7 @@ def test_a_segment_that_the_ring_removed_does_not_end_the_tail(tmp_path: Path) -
     assert times(list(growing.entries())) == [BEGAN]
 
 
-def test_a_batch_of_the_last_half_second_shows_nothing_from_before_the_command(tmp_path: Path) -> None:
+def test_late_batch_shows_nothing_before_command(tmp_path: Path) -> None:
     config_dir = make_node(tmp_path)
     log_dir = tmp_path / "uav1" / "data" / "log"
     log_dir.mkdir(parents=True)

@@ -189,7 +189,7 @@ def plain(printed: str) -> str:
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-async def test_no_line_is_too_long_and_no_word_is_split(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_no_line_is_too_long_or_split(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     narrow = LongSession(node=FIRST)
     await COMMANDS[name](narrow)
     monkeypatch.setenv("COLUMNS", "2000")
@@ -230,7 +230,7 @@ def test_an_error_is_wrapped_between_words(words: list[str], monkeypatch: pytest
     unbroken(shown[WIDTH], shown[2000])
 
 
-def test_a_question_leaves_its_answer_on_the_same_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_question_leaves_its_answer_on_same_line(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = f"{', '.join(PLATFORMS)}: restart broker: interrupted until it runs again"
     monkeypatch.setattr(sys, "stdin", Terminal("y\n"))
     monkeypatch.setattr(sys, "stderr", Terminal())
@@ -242,7 +242,7 @@ def test_a_question_leaves_its_answer_on_the_same_line(monkeypatch: pytest.Monke
     )
 
 
-def test_messages_and_lines_of_a_followed_result_are_wrapped_and_what_is_copied_is_not() -> None:
+def test_messages_are_wrapped_and_copied_text_is_not() -> None:
     stdout, stderr = Terminal(), Terminal()
     out = Output(CliSettings(), stdout, stderr)
     long = f"{PATH}: {WORDS}, {WORDS}"
@@ -259,7 +259,7 @@ def test_a_text_on_a_pipe_is_not_wrapped() -> None:
     assert stdout.getvalue() == f"{WORDS}, {WORDS}\n"
 
 
-def test_a_line_with_a_label_continues_below_its_text() -> None:
+def test_line_with_label_continues_below_its_text() -> None:
     assert fitted_text(f"  change  {WORDS}\n  file    short", 40) == (
         "  change  moves slowly because the\n"
         "          distance to the leader of the\n"
@@ -268,7 +268,7 @@ def test_a_line_with_a_label_continues_below_its_text() -> None:
     )
 
 
-def test_a_table_without_a_place_is_a_record_per_row() -> None:
+def test_table_without_place_is_record_per_row() -> None:
     columns = (Column("PLATFORM"), Column("LEADER"), Column("SAYS"))
     rows = [(FIRST, "harbour_survey_uav2", "moves"), ("uav2", "-", "stays")]
     assert fitted_table(columns, rows, 50).header, "it has a place"
@@ -283,7 +283,7 @@ def test_a_table_without_a_place_is_a_record_per_row() -> None:
     ]
 
 
-def test_the_line_of_an_invitation_is_one_line_however_narrow_the_terminal_is(
+def test_invitation_line_stays_whole_on_narrow_terminal(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")

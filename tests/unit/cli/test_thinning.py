@@ -20,7 +20,7 @@ async def told(monkeypatch: pytest.MonkeyPatch, kind: Kind, link: str) -> str:
     return await limits.thinning(ScriptedSession({}), entry, RateMeter(5.0, numbered=True))
 
 
-async def test_a_stream_that_its_link_does_not_carry_names_the_counter_of_its_losses(
+async def test_overloaded_stream_names_counter_of_losses(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     text = await told(monkeypatch, Kind.STREAM, "request")
@@ -28,5 +28,5 @@ async def test_a_stream_that_its_link_does_not_carry_names_the_counter_of_its_lo
     assert "request" not in text
 
 
-async def test_a_board_names_the_way_that_carries_its_newest_value(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_board_names_way_that_carries_its_newest_value(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "the beacon carries the newest value only" in await told(monkeypatch, Kind.BOARD, "tick")

@@ -36,14 +36,14 @@ def needs(
     return {need.path: need for need in found}
 
 
-def test_a_need_is_rate_times_size_and_the_largest_comes_first() -> None:
+def test_need_is_rate_times_size_largest_first() -> None:
     found = needs(1e9)
     assert list(found) == [LIDAR, CAMERA, POSE]
     assert [need.sent_bytes_s for need in found.values()] == [900_000, 500_000, 250]
     assert {need.fair_hz for need in found.values()} == {None}
 
 
-def test_limits_and_compression_lessen_what_is_sent_and_not_what_is_written() -> None:
+def test_limits_and_compression_reduce_sent_not_written() -> None:
     limit = ChannelLimit("sensor/camera", ChannelSettings(2.0), link="gcs")
     coded = ChannelLimit(LIDAR, ChannelSettings(compression="auto"))
     found = needs(1e9, limit, coded, link="gcs", ratios={LIDAR: 0.28})
@@ -54,7 +54,7 @@ def test_limits_and_compression_lessen_what_is_sent_and_not_what_is_written() ->
     assert needs(1e9, limit)[CAMERA].sent_bytes_s == 500_000, "not on the way to others"
 
 
-def test_where_a_link_is_too_small_the_large_ones_share_what_the_small_ones_leave() -> None:
+def test_large_channels_share_rest_of_small_link() -> None:
     found = needs(100_250)
     assert found[POSE].fair_hz is None
     assert found[LIDAR].fair_hz == pytest.approx(750 * 50_000 / 900_000)
@@ -66,7 +66,7 @@ def test_where_a_link_is_too_small_the_large_ones_share_what_the_small_ones_leav
     assert share == pytest.approx(100_250)
 
 
-def test_a_fair_rate_is_below_the_limit_in_force() -> None:
+def test_fair_rate_is_below_limit_in_force() -> None:
     limit = ChannelLimit("sensor/camera", ChannelSettings(4.0))
     assert needs(100_250, limit)[CAMERA].fair_hz == pytest.approx(1.0)
 
@@ -99,7 +99,7 @@ def session(output: str = "table", *entries: TreeEntry) -> ScriptedSession:
     return ScriptedSession(answers, node="uav1", output=output)
 
 
-async def test_the_needs_of_a_platform_are_printed_with_the_command_that_makes_them_fit() -> None:
+async def test_needs_are_printed_with_fitting_command() -> None:
     one = session()
     await show_needs(one, "**", "gcs", 125_000.0)
     text = one.stdout.getvalue()
@@ -114,7 +114,7 @@ async def test_the_needs_of_a_platform_are_printed_with_the_command_that_makes_t
     assert by_path[LIDAR] == pytest.approx(100 * 1200 * 0.25)
 
 
-async def test_the_measured_capacity_is_shown_beside_the_stated_one_and_counts_without_it() -> None:
+async def test_measured_capacity_is_shown_beside_stated_one() -> None:
     both = session()
     await show_needs(both, "**", "gcs", 1e6)
     assert "a link of 1000.0 kB/s: fits; measured 3 s ago: 60.0 kB/s, does not fit" in both.stdout.getvalue()
@@ -129,6 +129,6 @@ async def test_the_measured_capacity_is_shown_beside_the_stated_one_and_counts_w
         await show_needs(session(), "**", "uav2", None)
 
 
-async def test_a_pattern_of_nothing_that_is_written_is_named() -> None:
+async def test_pattern_of_nothing_that_is_written_is_named() -> None:
     with pytest.raises(NotFound, match=r"/uav1/\*\*: matches no resource"):
         await show_needs(session("table", entry("plan/path", None)), "**", "", 1e6)

@@ -43,16 +43,14 @@ class CountingSession(ScriptedSession):
 
 
 @pytest.mark.parametrize("began_ns", [0, S // 2, 2 * S - 1])
-async def test_each_rate_is_that_of_a_whole_period_whenever_the_command_began(
-    began_ns: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_each_rate_covers_whole_period(began_ns: int, monkeypatch: pytest.MonkeyPatch) -> None:
     session = CountingSession(began_ns)
     for rate in await offered(session, 3, monkeypatch):
         assert rate == pytest.approx(10, abs=0.5)
     assert session.time.now_ns >= began_ns + 6 * S
 
 
-async def test_a_restart_of_the_broker_makes_no_negative_rate(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_restart_of_broker_makes_no_negative_rate(monkeypatch: pytest.MonkeyPatch) -> None:
     found = await offered(CountingSession(90 * S, restart_ns=93 * S), 3, monkeypatch)
     assert found == pytest.approx([10, 10, 10], abs=0.5)
 
@@ -109,7 +107,7 @@ AFTER = reading(
 )
 
 
-def test_a_link_and_a_channel_have_all_their_rates() -> None:
+def test_link_and_channel_have_all_their_rates() -> None:
     found = rates("uav1", BEFORE, AFTER)
     assert found.channels == [
         ChannelRates("cmd/goto", 10, 11, 1100, 2, 200, 1, 3, 4, 400, delivered_hz=9),
@@ -159,7 +157,7 @@ class ShownSession(ScriptedSession):
         ("name", ["uav2", "uav3", "a/slow", "b/fast"]),
     ],
 )
-async def test_the_tables_are_ordered_by_the_column_that_was_asked_for(
+async def test_tables_are_ordered_by_requested_column(
     sort: str, order: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session = ShownSession()
@@ -169,14 +167,14 @@ async def test_the_tables_are_ordered_by_the_column_that_was_asked_for(
     assert text.startswith("gcs: "), "the sum of the node is above the tables"
 
 
-async def test_one_of_the_two_tables_can_be_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_either_of_two_tables_can_be_requested(monkeypatch: pytest.MonkeyPatch) -> None:
     text = await shown(ShownSession(), monkeypatch, parts=(top.TrafficTable.LINKS,))
     assert "uav2" in text
     assert "CHANNEL" not in text
 
 
 @pytest.mark.parametrize(("width", "says"), [(200, False), (60, True)])
-async def test_columns_for_which_a_terminal_has_no_room_are_named(
+async def test_columns_without_room_are_named(
     width: int, says: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     session = ShownSession()
@@ -185,7 +183,7 @@ async def test_columns_for_which_a_terminal_has_no_room_are_named(
     assert ("-o wide also shows RE-SENT /s, HELD BACK /s, DELIVERED /s" in text) is says
 
 
-async def test_what_its_link_or_a_rule_limits_is_shown_with_the_reason(
+async def test_limited_channel_is_shown_with_reason(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     text = await shown(ShownSession(is_limited=True), monkeypatch)
@@ -197,7 +195,7 @@ async def test_what_its_link_or_a_rule_limits_is_shown_with_the_reason(
     assert "no limited" in only
 
 
-def test_a_counter_that_began_again_makes_no_negative_rate() -> None:
+def test_counter_that_began_again_makes_no_negative_rate() -> None:
     before, now = (
         ChannelStates((ChannelState("map/scan", "uav2", AUTO, 0, 0, 0, held, 5.0, "set"),))
         for held in (90, 3)

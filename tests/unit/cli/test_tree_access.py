@@ -32,7 +32,7 @@ class Node(ScriptedSession):
         return self.value
 
 
-async def test_the_last_value_of_a_lost_platform_is_given_without_asking_it_again() -> None:
+async def test_lost_platforms_last_value_needs_no_request() -> None:
     node = Node("lost", 42.4)
     found = await read(node, "/uav3/power/fuel")
     assert found.value == 0.5
@@ -42,7 +42,7 @@ async def test_the_last_value_of_a_lost_platform_is_given_without_asking_it_agai
     assert unknown.warning.endswith("of unknown age")
 
 
-async def test_an_old_mirror_of_a_platform_in_reach_is_held_against_its_owner() -> None:
+async def test_old_mirror_is_checked_with_its_owner() -> None:
     node = Node("stale", 42.4)
     found = await read(node, "/uav3/power/fuel")
     assert node.asked == [COPY, "/uav3/sys/tree/get"]

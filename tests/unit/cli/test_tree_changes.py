@@ -41,7 +41,7 @@ def no_terminal(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
     monkeypatch.setenv("SWARM_CONFIG", str(tmp_path))
 
 
-async def test_the_record_of_changes_shows_values_requesters_and_refusals() -> None:
+async def test_record_of_changes_shows_values_requesters_and_refusals() -> None:
     found = TreeLog(
         "uav1",
         (
@@ -79,7 +79,7 @@ def limits(rules: tuple[ChannelLimit, ...]) -> TreeValue:
     return TreeValue("/uav1/net/limits", "ChannelLimits", data, 1, 1, 1, 0.5, Quality.LIVE)
 
 
-async def test_a_rule_is_shown_with_what_it_does_not_reach_and_asked_for_where_a_mission_waits() -> None:
+async def test_rule_is_shown_with_its_limits() -> None:
     asked: list[TreeRule] = []
 
     class Owner(ScriptedSession):
@@ -161,7 +161,7 @@ class Swarm(ScriptedSession):
         (set(), set(), "*", 0, NotFound),
     ],
 )
-async def test_an_undo_at_a_pattern_of_nodes_leaves_out_those_without_the_setting(
+async def test_undo_at_pattern_skips_nodes_without_setting(
     having: Set[str], changed: Set[str], node: str, undone: int, error: type[SwarmError] | None
 ) -> None:
     session = Swarm(having, changed, node)

@@ -76,7 +76,7 @@ def no_terminal(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["uav1.toml", "uav1.json"])
-async def test_a_dump_is_compared_and_loaded_back_all_or_none(tmp_path: Path, name: str) -> None:
+async def test_dump_is_compared_and_loaded_atomically(tmp_path: Path, name: str) -> None:
     file = str(tmp_path / name)
     session = Tree()
     await dump(session, "/uav1", file)
@@ -107,7 +107,7 @@ async def test_values_that_are_not_compared_are_not_read() -> None:
     assert session.read.count(FUEL) == 2
 
 
-async def test_a_load_that_is_refused_half_way_takes_back_the_first_half(tmp_path: Path) -> None:
+async def test_load_refused_half_way_is_undone(tmp_path: Path) -> None:
     file = str(tmp_path / "uav1.toml")
     session = Tree(refuses=KI)
     await dump(session, "/uav1", file)
@@ -125,7 +125,7 @@ async def test_a_load_that_is_refused_half_way_takes_back_the_first_half(tmp_pat
         ("/uav1/config/navigator/kq", 1.0, "no such setting now; nothing was set"),
     ],
 )
-async def test_a_file_with_one_value_that_does_not_fit_sets_nothing(
+async def test_file_with_one_invalid_value_sets_nothing(
     tmp_path: Path, path: str, value: object, error: str
 ) -> None:
     file = tmp_path / "dump.json"
@@ -143,14 +143,14 @@ async def test_a_file_with_one_value_that_does_not_fit_sets_nothing(
 @pytest.mark.parametrize(
     "content", ["resources = 5", "{", "[[resources]]\npath = 'nav/pose'\nkind = 'board'", "\0", "[]", ""]
 )
-async def test_a_file_that_is_not_a_dump_is_refused_by_its_name(tmp_path: Path, content: str) -> None:
+async def test_file_without_dump_is_refused_by_name(tmp_path: Path, content: str) -> None:
     file = tmp_path / "dump.toml"
     file.write_text(content)
     with pytest.raises(InvalidInput, match=r"dump\.toml"):
         await load(Tree(), str(file), yes=True)
 
 
-def test_two_platforms_are_compared_by_local_path_and_null_is_no_difference() -> None:
+def test_platforms_are_compared_by_local_path() -> None:
     def side(platform: str, **fields: Any) -> TreeSnapshot:
         pose = DumpedResource(
             path=f"/{platform}/nav/pose", kind="board", type="Pose", value={"a": None, "b": 1}
@@ -212,7 +212,7 @@ def test_each_mistake_of_a_descriptor_is_one_finding(resource: Resource, level: 
     assert list(descriptor_findings("uav1", good.path, good)) == []
 
 
-def test_resources_of_one_path_that_differ_between_platforms_are_named_with_both() -> None:
+def test_differing_resources_are_named_on_both_platforms() -> None:
     one = Resource(path="a", type="Float", unit="m", owner="x")
     other = Resource(path="a", type="Int", unit="m", owner="x")
     [finding] = contradictions([("uav1", "a", one), ("uav2", "a", other), ("uav3", "a", one)])
@@ -220,7 +220,7 @@ def test_resources_of_one_path_that_differ_between_platforms_are_named_with_both
     assert finding.text == "type 'Int', but 'Float' of uav1; expected the same of one path"
 
 
-def test_the_shipped_templates_have_no_finding_and_a_broken_one_is_named(tmp_path: Path) -> None:
+def test_shipped_templates_are_valid_and_broken_named(tmp_path: Path) -> None:
     found, checked = template_findings(share_dir() / "templates")
     assert found == []
     assert checked > 100
@@ -235,7 +235,7 @@ def test_the_shipped_templates_have_no_finding_and_a_broken_one_is_named(tmp_pat
     assert any(where == "bad" for where, *_ in texts)
 
 
-async def test_the_live_tree_is_checked_and_an_error_ends_with_a_code() -> None:
+async def test_live_tree_error_ends_with_code() -> None:
     lost = TreeEntry("/uav1/power/fuel", Kind.BOARD, "Float", unit="1", owner="hal", quality=Quality.LOST)
     strange = TreeEntry("/uav1/app/x", Kind.BOARD, "Strange", owner="x")
     session = ScriptedSession(

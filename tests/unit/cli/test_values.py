@@ -55,14 +55,14 @@ def test_a_field_is_found_by_its_dotted_name(fields: str, value: Any) -> None:
         ("ranges_m[7]", "0 to 1"),
     ],
 )
-def test_a_field_that_is_not_there_names_those_that_are(fields: str, said: str) -> None:
+def test_missing_field_names_existing_fields(fields: str, said: str) -> None:
     with pytest.raises(InvalidInput, match="no field") as caught:
         field(VALUE, "/uav1/x", fields)
     assert said in str(caught.value)
 
 
 @pytest.mark.parametrize("fields", ["ok[", "ok[sensor/gnss]", "ranges_m[-1]", "ok['a'"])
-def test_brackets_have_an_index_or_a_key_in_quotes(fields: str) -> None:
+def test_brackets_have_index_or_key_in_quotes(fields: str) -> None:
     with pytest.raises(InvalidInput, match=r"expected indices such as \[0\], or keys such as"):
         field(VALUE, "/uav1/x", fields)
 
@@ -84,14 +84,14 @@ def test_what_is_typed_is_json_or_a_word(text: str, value: Any) -> None:
     assert json_or_text(text) == value
 
 
-def test_a_value_that_is_wrapped_alone_stands_for_itself() -> None:
+def test_value_that_is_wrapped_alone_stands_for_itself() -> None:
     assert single(Float(2.5)) == 2.5
     battery = BatteryState(11.1, 2.0, 0.5)
     assert single(battery) == {"voltage_v": 11.1, "current_a": 2.0, "remaining_ratio": 0.5}
     assert decoded(BatteryState, registry.encode(battery)) == single(battery)
 
 
-def test_a_type_that_is_not_known_here_is_shown_by_position() -> None:
+def test_unknown_type_is_shown_by_position() -> None:
     assert decoded(None, msgspec.msgpack.encode([1, "a"])) == [1, "a"]
     assert decoded(None, b"\xc1") is None
 
@@ -107,11 +107,11 @@ def test_a_type_that_is_not_known_here_is_shown_by_position() -> None:
         ({"a": [0.1 + 0.2]}, '{"a":[0.3]}'),
     ],
 )
-def test_a_value_on_one_line_keeps_the_centimetre_of_a_latitude(value: Any, text: str) -> None:
+def test_value_on_one_line_keeps_centimetre_of_latitude(value: Any, text: str) -> None:
     assert brief(value) == text
 
 
-def test_json_has_names_also_for_what_goes_over_the_wire_as_arrays() -> None:
+def test_json_names_fields_of_wire_arrays() -> None:
     route = RouteState("uav1", 1, "uav1", 256, 1, 0, 5)
     assert "platform" in NeighbourState.__struct_fields__
     assert json.loads(msgspec.json.encode(json_form({"routes": Routes((route,)), "n": (1, None)}))) == {

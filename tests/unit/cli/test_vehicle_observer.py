@@ -34,7 +34,7 @@ def run(epoch: int, state: str) -> MissionState:
         ({"uav1": run(7, "running")}, ["uav1"], []),
     ],
 )
-def test_a_station_is_ordered_with_the_last_vehicles_of_its_mission(
+def test_station_is_ordered_with_missions_last_vehicles(
     states: dict[str, MissionState], chosen: list[str], stations: list[str]
 ) -> None:
     kinds = {name: PlatformKind("gcs" if name == "gcs" else "uav") for name in ("gcs", "uav1", "uav2")}
@@ -64,7 +64,7 @@ def test_what_is_seen_decides_whether_it_is_done(command: str, seen: VehicleSnap
     assert BUILT_IN[command](seen) is done
 
 
-def test_nothing_is_concluded_from_what_was_said_before_the_command() -> None:
+def test_statements_before_command_prove_nothing() -> None:
     course = ManoeuvreProgress(5, BUILT_IN["land"])
     assert course.verdict(sight(), 5, 0) is None
     assert course.verdict(sight(), 6, 1) is True
@@ -76,7 +76,7 @@ def test_a_mission_that_still_plays_is_waited_for() -> None:
         assert course.verdict(sight(state), 6, 100 * S) is None
 
 
-def test_an_old_failure_is_not_the_answer_to_a_new_command() -> None:
+def test_old_failure_is_not_answer_to_new_command() -> None:
     course = ManoeuvreProgress(5, BUILT_IN["land"])
     up = sight("failed", vehicle=UP)
     assert course.verdict(up, 6, 0) is None
@@ -84,14 +84,14 @@ def test_an_old_failure_is_not_the_answer_to_a_new_command() -> None:
     assert course.verdict(sight("done"), 8, 9 * S) is True
 
 
-def test_a_vehicle_that_stays_up_after_its_mission_ended_has_failed() -> None:
+def test_vehicle_flying_after_its_mission_has_failed() -> None:
     course = ManoeuvreProgress(5, BUILT_IN["land"])
     up = sight("failed", vehicle=UP)
     assert course.verdict(up, 6, 0) is None
     assert course.verdict(up, 7, 4 * S) is False
 
 
-def test_states_from_before_the_end_of_its_mission_are_no_failure() -> None:
+def test_states_before_missions_end_are_no_failure() -> None:
     course = ManoeuvreProgress(5, BUILT_IN["hold"])
     moving = msgspec.structs.replace(
         sight("aborted", UP, nav=NavStatus(3, NavState.MOVING)), mission_ns=70 * S, states_ns=69 * S
@@ -103,7 +103,7 @@ def test_states_from_before_the_end_of_its_mission_are_no_failure() -> None:
     assert course.verdict(sight("aborted", vehicle=UP), 7, 5 * S) is True
 
 
-def test_a_refused_vehicle_has_failed_although_its_state_never_changed() -> None:
+def test_refused_vehicle_has_failed_with_unchanged_state() -> None:
     course = ManoeuvreProgress(5, risen_to(5.0))
     refused = msgspec.structs.replace(sight("failed"), mission_ns=70 * S, states_ns=9 * S)
     assert course.verdict(refused, 6, 0) is None
@@ -134,7 +134,7 @@ def on_circle(state: NavState, x_m: float, y_m: float, z_m: float) -> VehicleSna
     return sight(vehicle=UP, nav=NavStatus(3, state, circle_m=90.0), pose=pose)
 
 
-def test_an_aircraft_that_cannot_stop_has_arrived_on_the_circle_around_its_place() -> None:
+def test_aircraft_arrives_on_circle_around_place() -> None:
     there = arrived_at(100.0, 0.0, 40.0)
     assert there(on_circle(NavState.ARRIVED, 190.0, 0.0, 42.0))
     assert there(on_circle(NavState.ARRIVED, 100.0, -85.0, 38.0))
@@ -150,7 +150,7 @@ def test_an_aircraft_that_cannot_stop_has_arrived_on_the_circle_around_its_place
     assert on_circle(NavState.MOVING, 0.0, 0.0, 40.0).words() == "flying 40.0 m armed"
 
 
-def test_an_aircraft_has_returned_when_it_lies_beside_its_circle() -> None:
+def test_aircraft_returned_when_beside_its_circle() -> None:
     landed = sight(nav=NavStatus(3, NavState.ARRIVED, circle_m=90.0), pose=Pose.planar(200.0, 0.0))
     home = msgspec.structs.replace(landed, home=Pose.planar(0.0, 0.0))
     assert BUILT_IN["return"](home)

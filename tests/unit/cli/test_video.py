@@ -44,13 +44,13 @@ def scripted(**answers: Any) -> ScriptedSession:
     return VideoNode({f"sys/video/{name}": found for name, found in answers.items()})
 
 
-async def test_a_session_to_a_platform_names_the_stream_of_its_images() -> None:
+async def test_session_to_platform_names_stream_of_its_images() -> None:
     session = scripted(start=SENT)
     await sessions.start(session, "camera", "gcs", 1_000_000, False, None)
     assert session.stdout.getvalue() == "session 70: camera of gcs to gcs\nimages: /gcs/video/uav1/camera\n"
 
 
-async def test_a_session_to_an_address_shows_the_commands_of_receivers(tmp_path: Path) -> None:
+async def test_session_to_address_shows_commands_of_receivers(tmp_path: Path) -> None:
     file = tmp_path / "camera.sdp"
     session = scripted(start=TO_ADDRESS)
     await sessions.start(session, "camera", "10.0.0.7:5004", 1_000_000, False, file)
@@ -63,7 +63,7 @@ async def test_a_session_to_an_address_shows_the_commands_of_receivers(tmp_path:
     assert "s=camera" in session.stdout.getvalue()
 
 
-async def test_a_receiver_that_no_node_is_and_a_rate_that_no_encoder_has_are_refused_at_once() -> None:
+async def test_impossible_receiver_or_rate_is_refused_at_once() -> None:
     session = scripted(start=SENT)
     with pytest.raises(NotFound, match="node 'nobody': not known"):
         await sessions.start(session, "camera", "nobody", 1_000_000, False, None)
@@ -81,7 +81,7 @@ async def test_a_description_is_only_for_an_address() -> None:
     assert session.asked == []
 
 
-async def test_the_list_shows_rate_queue_losses_and_why_the_rate_changed() -> None:
+async def test_list_shows_rate_losses_and_reason() -> None:
     session = scripted(ls=VideoSessions((SENT, RECEIVED), refused=4))
     await sessions.list_sessions(session)
     head, sent, received, refused = session.stdout.getvalue().splitlines()

@@ -50,9 +50,7 @@ def known(watch: ConditionWatch, path: str, cls: type[msgspec.Struct], kind: Kin
         ("/uav2/nav/pose.x_m > 0", False),
     ],
 )
-def test_names_without_a_path_are_fields_of_the_resource_and_others_have_its_platform(
-    text: str, held: bool
-) -> None:
+def test_names_without_path_are_fields_of_resource(text: str, held: bool) -> None:
     watch = ConditionWatch(POSE, text)
     known(watch, POSE, Pose)
     known(watch, BATTERY, BatteryState)
@@ -70,7 +68,7 @@ def test_texts_are_in_single_or_double_quotes() -> None:
         assert watch.holds(0)
 
 
-def test_a_condition_does_not_hold_before_all_its_values_are_there() -> None:
+def test_condition_fails_until_all_values_exist() -> None:
     watch = ConditionWatch(POSE, "z_m < 1 and vehicle/state.armed")
     assert watch.paths == {POSE, STATE}
     known(watch, POSE, Pose)
@@ -82,7 +80,7 @@ def test_a_condition_does_not_hold_before_all_its_values_are_there() -> None:
     assert watch.shown(watch.operands(S_NS)) == "z_m 0 (1.0 s old), armed true (1.0 s old)"
 
 
-def test_the_next_evaluation_is_when_an_age_is_beyond_its_limit() -> None:
+def test_next_evaluation_is_when_age_expires() -> None:
     watch = ConditionWatch(POSE, "age() > 2 or 5 < age()")
     assert watch.next_change_s(0) is None, "without a value only a value changes it"
     watch.on_value(POSE, Pose.planar(0.0, 0.0), 10 * S_NS)
@@ -110,9 +108,7 @@ def test_the_next_evaluation_is_when_an_age_is_beyond_its_limit() -> None:
         ("z_m", InvalidInput, "is a number: expected a comparison"),
     ],
 )
-def test_an_invalid_condition_is_refused_with_its_column_and_the_fields_there_are(
-    text: str, error: type[SwarmError], said: str
-) -> None:
+def test_invalid_condition_is_refused_with_column(text: str, error: type[SwarmError], said: str) -> None:
     with pytest.raises(error) as caught:
         known(ConditionWatch(POSE, text), POSE, Pose)
     before, _, after = said.partition(".*")
@@ -120,7 +116,7 @@ def test_an_invalid_condition_is_refused_with_its_column_and_the_fields_there_ar
     assert after in str(caught.value)
 
 
-def test_a_text_that_a_field_never_has_is_refused_with_those_it_has() -> None:
+def test_impossible_text_is_refused_with_possible_ones() -> None:
     entry = TreeEntry("/uav1/m", Kind.SETTING, "Text", choices=("auto", "manual"))
     with pytest.raises(InvalidInput, match="never 'off': expected one of 'auto', 'manual'"):
         ConditionWatch("/uav1/m", "value == 'off'").on_entry(entry, Text)
@@ -192,7 +188,7 @@ def present(number: float, quality: Quality = Quality.LIVE) -> TreeValue:
 HEIGHT = TreeEntry("/uav1/height", Kind.BOARD, "Float", unit="m")
 
 
-async def test_a_condition_that_holds_already_is_reached_at_once() -> None:
+async def test_condition_that_holds_already_is_reached_at_once() -> None:
     session = Waiting(HEIGHT, present(3.0), output="json")
     await wait_until(session, "/uav1/height", "value > 2", 60.0)
     (operand,) = session.document["operands"]
@@ -200,7 +196,7 @@ async def test_a_condition_that_holds_already_is_reached_at_once() -> None:
     assert session.document["condition"] == "value > 2"
 
 
-async def test_each_value_is_evaluated_when_it_arrives_also_one_that_lasts_a_moment() -> None:
+async def test_each_value_is_evaluated_on_arrival() -> None:
     session = Waiting(HEIGHT, present(0.0))
     task = asyncio.create_task(wait_until(session, "/uav1/height", "value > 2", 60.0))
     await session.reading.wait()
@@ -210,7 +206,7 @@ async def test_each_value_is_evaluated_when_it_arrives_also_one_that_lasts_a_mom
     assert session.stdout.getvalue().startswith("/uav1/height: value 3 (0.0 s old) after ")
 
 
-async def test_a_resource_that_does_not_exist_yet_is_waited_for() -> None:
+async def test_resource_not_yet_existing_is_awaited() -> None:
     session = Waiting(None, NotFound("no such resource"))
     task = asyncio.create_task(wait_until(session, "/uav1/height", "value > 2", 60.0))
     await session.reading.wait()
@@ -220,13 +216,13 @@ async def test_a_resource_that_does_not_exist_yet_is_waited_for() -> None:
     assert session.stdout.getvalue().startswith("/uav1/height: value 3")
 
 
-async def test_the_age_of_a_value_ends_the_wait_without_a_new_one() -> None:
+async def test_age_of_value_ends_wait_without_new_one() -> None:
     session = Waiting(HEIGHT, present(3.0))
     await wait_until(session, "/uav1/height", "age() > 0.15", 60.0)
     assert re.match(r"/uav1/height: age\(\) 0\.\d{3} s after ", session.stdout.getvalue())
 
 
-async def test_the_last_value_is_in_the_error_when_the_time_is_over() -> None:
+async def test_last_value_is_in_timeout_error() -> None:
     session = Waiting(HEIGHT, present(0.5))
     with pytest.raises(
         NoAnswer, match=r"/uav1/height: value > 2: not within 0.05 s; last: value 0.5 \(0.* old\)"
@@ -237,7 +233,7 @@ async def test_the_last_value_is_in_the_error_when_the_time_is_over() -> None:
     assert session.stdout.getvalue() == ""
 
 
-async def test_the_last_value_of_a_lost_platform_and_former_events_do_not_count() -> None:
+async def test_lost_platforms_last_value_does_not_count() -> None:
     session = Waiting(HEIGHT, present(3.0, Quality.LOST))
     with pytest.raises(NoAnswer, match="has no value"):
         await wait_until(session, "/uav1/height", "value > 2", 0.05)
@@ -247,6 +243,6 @@ async def test_the_last_value_of_a_lost_platform_and_former_events_do_not_count(
         await wait_until(Waiting(event, present(3.0)), "/uav1/height", "value > 2", 0.05)
 
 
-async def test_an_unknown_field_ends_the_wait_before_any_value() -> None:
+async def test_unknown_field_ends_wait_before_any_value() -> None:
     with pytest.raises(InvalidInput, match="Float has no field 'z'; expected one of these"):
         await wait_until(Waiting(HEIGHT, NotFound("no value yet")), "/uav1/height", "z > 2", 60.0)

@@ -78,9 +78,7 @@ def test_the_tables_have_every_cell() -> None:
 
 
 @pytest.mark.parametrize(("mode", "source"), list(itertools.product(DriveMode, Source)), ids=str)
-def test_a_set_point_reaches_the_chassis_from_the_source_that_drives_alone(
-    mode: DriveMode, source: Source
-) -> None:
+def test_set_point_comes_from_driving_source_alone(mode: DriveMode, source: Source) -> None:
     core = core_in(mode)
     if source is Source.NAVIGATOR:
         found = drives(core.on_setpoint(FORWARD, NOW + 2 * S, NOW + 2 * S))
@@ -97,7 +95,7 @@ def test_a_set_point_reaches_the_chassis_from_the_source_that_drives_alone(
 
 
 @pytest.mark.parametrize(("mode", "event"), cells(), ids=str)
-def test_each_event_leads_from_each_mode_to_the_mode_written_here(mode: DriveMode, event: DriveEvent) -> None:
+def test_each_event_leads_to_documented_mode(mode: DriveMode, event: DriveEvent) -> None:
     core = core_in(mode)
     expected = cells()[mode, event]
     now = NOW + 2 * S
@@ -118,7 +116,7 @@ def test_each_event_leads_from_each_mode_to_the_mode_written_here(mode: DriveMod
     assert bool(core.state.holder) is (core.state.mode in (MANUAL, HOLD))
 
 
-def test_the_set_point_of_the_navigator_keeps_its_stamp() -> None:
+def test_set_point_of_navigator_keeps_its_stamp() -> None:
     core = ControlCore(Config())
     assert core.on_setpoint(FORWARD, NOW - 5, NOW) == [
         WriteDrive(Drive(1.0, mode=AUTO, source="navigator"), NOW - 5)
@@ -126,7 +124,7 @@ def test_the_set_point_of_the_navigator_keeps_its_stamp() -> None:
     assert core.deadline_ns() is None
 
 
-def test_manual_set_points_that_stop_arriving_let_the_vehicle_hold_after_their_time_out() -> None:
+def test_vehicle_holds_after_manual_set_points_time_out() -> None:
     core = core_in(MANUAL)
     core.on_manual(FORWARD, ANNA.id, NOW, NOW + 50)
     due = core.deadline_ns()
@@ -139,7 +137,7 @@ def test_manual_set_points_that_stop_arriving_let_the_vehicle_hold_after_their_t
     assert drives(core.on_timer(due + HOLD_NS)) == [Drive(0.0, mode=HOLD)]
 
 
-def test_the_stick_without_any_set_point_lets_the_vehicle_stop_at_once_and_hold_later() -> None:
+def test_stick_without_set_point_stops_vehicle_then_holds() -> None:
     core = ControlCore(Config())
     actions = core.on_request(DriveRequest(DriveEvent.DRIVE), ANNA, NOW)
     assert drives(actions) == [Drive(0.0, mode=MANUAL, source=ANNA.name)]
@@ -147,25 +145,25 @@ def test_the_stick_without_any_set_point_lets_the_vehicle_stop_at_once_and_hold_
     assert core.state.mode is HOLD
 
 
-def test_a_set_point_that_was_too_long_under_way_is_counted_and_not_carried_out() -> None:
+def test_late_set_point_is_counted_and_not_executed() -> None:
     core = core_in(MANUAL)
     assert core.on_manual(FORWARD, ANNA.id, NOW, NOW + round(0.31 * S)) == []
     assert (core.expired, core.refused) == (1, 0)
 
 
-def test_a_set_point_that_a_newer_one_has_overtaken_is_not_carried_out() -> None:
+def test_overtaken_set_point_is_not_executed() -> None:
     core = core_in(MANUAL)
     core.on_manual(Setpoint(0.0), ANNA.id, NOW + 200, NOW + 300)
     assert core.on_manual(FORWARD, ANNA.id, NOW + 100, NOW + 300) == []
 
 
-def test_a_stamp_of_the_future_does_not_hold_the_stick_longer() -> None:
+def test_stamp_of_future_does_not_hold_stick_longer() -> None:
     core = core_in(MANUAL)
     core.on_manual(FORWARD, ANNA.id, NOW + 60 * S, NOW)
     assert core.deadline_ns() == NOW + round(0.3 * S)
 
 
-def test_the_first_operator_holds_the_stick_and_the_other_learns_its_name() -> None:
+def test_first_operator_holds_stick_and_is_named() -> None:
     core = core_in(MANUAL)
     with pytest.raises(Denied, match="anna@gcs has the stick; --take takes the stick"):
         core.on_request(DriveRequest(DriveEvent.DRIVE), BERT, NOW)
@@ -175,13 +173,13 @@ def test_the_first_operator_holds_the_stick_and_the_other_learns_its_name() -> N
         core.on_request(DriveRequest(DriveEvent.RELEASE), BERT, NOW)
 
 
-def test_the_stick_of_an_operator_who_is_out_of_reach_is_taken_only_explicitly() -> None:
+def test_stick_of_unreachable_operator_is_taken_explicitly() -> None:
     core = core_in(HOLD)
     with pytest.raises(Denied, match="anna@gcs has the stick"):
         core.on_request(DriveRequest(DriveEvent.DRIVE), BERT, NOW + 9 * S)
 
 
-def test_an_operator_who_takes_the_stick_drives_and_the_former_one_does_not() -> None:
+def test_operator_taking_stick_drives_alone() -> None:
     core = core_in(MANUAL)
     actions = core.on_request(DriveRequest(DriveEvent.DRIVE, take=True), BERT, NOW)
     assert states(actions) == [ControlState(MANUAL, BERT.name, BERT.id, NOW, "drive")]
@@ -189,13 +187,13 @@ def test_an_operator_who_takes_the_stick_drives_and_the_former_one_does_not() ->
     assert drives(core.on_manual(FORWARD, BERT.id, NOW + 1, NOW + 1))[0].source == BERT.name
 
 
-def test_the_operator_who_has_the_stick_may_ask_again() -> None:
+def test_operator_who_has_stick_may_ask_again() -> None:
     core = core_in(MANUAL)
     core.on_request(DriveRequest(DriveEvent.DRIVE), ANNA, NOW)
     assert core.state.holder == ANNA.name
 
 
-def test_an_order_takes_the_stick_from_its_holder_whose_set_points_are_refused_from_then_on() -> None:
+def test_order_takes_stick_from_its_holder() -> None:
     core = core_in(MANUAL)
     core.on_request(DriveRequest(DriveEvent.ORDER), BERT, NOW)
     assert core.state == ControlState(AUTO, "", 0, NOW, "order")
@@ -203,7 +201,7 @@ def test_an_order_takes_the_stick_from_its_holder_whose_set_points_are_refused_f
     assert core.refused == 1
 
 
-def test_the_safety_pilot_takes_the_stick_and_the_vehicle_holds_until_the_switch_is_back() -> None:
+def test_safety_pilot_takes_stick_until_switched_back() -> None:
     core = core_in(MANUAL)
     actions = core.on_switch(VehicleMode.MANUAL, NOW)
     assert drives(actions) == [Drive(0.0, mode=PILOT)]
@@ -213,13 +211,13 @@ def test_the_safety_pilot_takes_the_stick_and_the_vehicle_holds_until_the_switch
     assert core.state == ControlState(AUTO, "", 0, NOW + S, "switch_auto")
 
 
-def test_a_switch_at_an_unknown_position_gives_the_vehicle_to_the_pilot() -> None:
+def test_switch_at_unknown_position_gives_vehicle_to_pilot() -> None:
     core = ControlCore(Config())
     core.on_switch(VehicleMode("sport"), NOW)
     assert core.state.mode is PILOT
 
 
-def test_a_switch_that_reports_its_position_again_changes_nothing() -> None:
+def test_switch_that_reports_its_position_again_changes_nothing() -> None:
     core = ControlCore(Config())
     assert core.on_switch(VehicleMode.AUTO, NOW) == []
     core.on_switch(VehicleMode.MANUAL, NOW)
@@ -232,7 +230,7 @@ def test_events_of_the_vehicle_itself_cannot_be_requested(event: str) -> None:
         core_in(PILOT).on_request(DriveRequest(DriveEvent(event)), ANNA, NOW)
 
 
-def test_manual_set_points_are_limited_and_keep_their_direction() -> None:
+def test_manual_set_points_are_limited_in_direction() -> None:
     core = core_in(MANUAL)
     drive = drives(core.on_manual(Setpoint(30.0, 40.0, -9.0, 9.0), ANNA.id, NOW, NOW))[0]
     assert math.hypot(drive.vx_m_s, drive.vy_m_s) == pytest.approx(3.0)
@@ -243,9 +241,7 @@ def test_manual_set_points_are_limited_and_keep_their_direction() -> None:
 @pytest.mark.parametrize(
     ("former", "mode"), [(AUTO, AUTO), (MANUAL, HOLD), (HOLD, HOLD), (PILOT, PILOT), (DriveMode("x"), AUTO)]
 )
-def test_a_restarted_daemon_continues_in_its_mode_and_a_vehicle_driven_by_hand_holds(
-    former: DriveMode, mode: DriveMode
-) -> None:
+def test_restarted_daemon_continues_mode_and_driven_vehicle_holds(former: DriveMode, mode: DriveMode) -> None:
     core = ControlCore(Config(), ControlState(former, ANNA.name, ANNA.id, 1, "drive"))
     assert core.state.mode is mode
     if mode is HOLD:
@@ -257,7 +253,7 @@ def test_the_shipped_file_has_the_defaults() -> None:
     assert load(Path(__file__).parents[3] / "etc/swarm/services/control.toml", Config) == Config()
 
 
-def test_the_safety_pilot_drives_by_the_sticks_and_the_vehicle_holds_without_them() -> None:
+def test_safety_pilot_drives_and_absence_holds() -> None:
     core = core_in(PILOT)
     core.on_timer(NOW)
     assert core.on_sticks(FORWARD, NOW - S, NOW) == [], "a set-point that was under way for too long"

@@ -20,16 +20,14 @@ def fed(control: BitrateControl, begin_ns: int, bit_s: int, span_ns: int = 600 *
     return begin_ns + span_ns
 
 
-def test_it_begins_where_most_links_carry_it_and_never_above_its_limit() -> None:
+def test_bitrate_begins_low_and_respects_limit() -> None:
     assert BitrateControl(4_000_000, False, 0).bit_s == BEGIN_BIT_S
     assert BitrateControl(300_000, False, 0).bit_s == 300_000
     assert BitrateControl(4_000_000, True, 0).bit_s == 4_000_000
 
 
 @pytest.mark.parametrize(("queueing_ns", "waiting_ns"), [(QUEUE_NS + MS, 0), (0, QUEUE_NS + MS)])
-def test_a_queue_in_the_link_or_before_it_lowers_the_rate_below_what_arrives(
-    queueing_ns: int, waiting_ns: int
-) -> None:
+def test_queue_lowers_rate_below_arrivals(queueing_ns: int, waiting_ns: int) -> None:
     control = BitrateControl(4_000_000, False, 0)
     now_ns = fed(control, 0, 500_000)
     control.on_queue(queueing_ns, waiting_ns, now_ns)
@@ -40,7 +38,7 @@ def test_a_queue_in_the_link_or_before_it_lowers_the_rate_below_what_arrives(
     assert control.bit_s == lowered, "the same queue does not count twice"
 
 
-def test_a_free_link_raises_the_rate_step_by_step_to_its_limit() -> None:
+def test_free_link_raises_rate_stepwise_to_limit() -> None:
     control = BitrateControl(1_300_000, False, 0)
     now_ns, rates = 0, []
     for _ in range(6):
@@ -53,7 +51,7 @@ def test_a_free_link_raises_the_rate_step_by_step_to_its_limit() -> None:
     assert [one.reason for one in control.changes] == ["begin", "free"], "a rise is one line"
 
 
-def test_a_quiet_picture_does_not_raise_the_rate_beyond_what_was_tried() -> None:
+def test_quiet_picture_raises_no_untried_rate() -> None:
     control = BitrateControl(4_000_000, False, 0)
     now_ns = fed(control, 0, 100_000)
     for _ in range(5):
@@ -72,7 +70,7 @@ def test_a_quiet_picture_does_not_raise_the_rate_beyond_what_was_tried() -> None
         (0.0, (None, None), 1_080_000),
     ],
 )
-def test_a_receiver_that_tells_only_loss_and_round_trip_is_followed_too(
+def test_receiver_reporting_only_loss_is_followed(
     lost_ratio: float, round_trips_ms: tuple[int | None, int | None], expected: int
 ) -> None:
     control = BitrateControl(4_000_000, False, 0)

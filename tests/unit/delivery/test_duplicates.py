@@ -32,7 +32,7 @@ FAR = 1 << 20
 """Sequences so far apart are of different starts of their sender."""
 
 
-def test_any_number_of_messages_is_known_also_when_their_answers_are_gone() -> None:
+def test_messages_are_known_after_answers_are_gone() -> None:
     received = DuplicateFilter(answers=100)
     for sequence in range(20_000):
         for sender in range(4):
@@ -45,7 +45,7 @@ def test_any_number_of_messages_is_known_also_when_their_answers_are_gone() -> N
     assert received.spans < 1_000
 
 
-def test_messages_may_come_in_any_order_and_around_the_end_of_the_numbers() -> None:
+def test_messages_come_in_any_order_and_wrap() -> None:
     received = DuplicateFilter()
     last = 0xFFFF_FFFF
     for sequence in (3, last, 0, last - 2000, 1):
@@ -55,7 +55,7 @@ def test_messages_may_come_in_any_order_and_around_the_end_of_the_numbers() -> N
         assert received.lookup(origin) == b"x"
 
 
-def test_a_sender_that_started_again_is_new_and_its_former_start_is_still_known() -> None:
+def test_restarted_sender_is_new_and_former_known() -> None:
     received = DuplicateFilter()
     received.answered(A, b"x", 0)
     again = (*A[:3], A[3] + 5 * FAR)
@@ -64,7 +64,7 @@ def test_a_sender_that_started_again_is_new_and_its_former_start_is_still_known(
     assert (received.lookup(A), received.lookup(again)) == (b"x", b"y")
 
 
-def test_a_flood_costs_its_own_sender_the_memory_of_the_oldest() -> None:
+def test_flood_costs_its_own_sender_memory_of_oldest() -> None:
     received = DuplicateFilter(spans=10)
     received.answered(A, b"x", 0)
     for start in range(100):
@@ -74,7 +74,7 @@ def test_a_flood_costs_its_own_sender_the_memory_of_the_oldest() -> None:
     assert received.spans == 11
 
 
-def test_of_too_many_senders_the_most_silent_is_forgotten() -> None:
+def test_most_silent_of_many_senders_is_forgotten() -> None:
     received = DuplicateFilter(senders=3)
     for sender in range(3):
         received.answered((sender, 2, 3, 4), b"x", sender)
@@ -84,7 +84,7 @@ def test_of_too_many_senders_the_most_silent_is_forgotten() -> None:
     assert received.lookup((0, 2, 3, 4)) == b"x"
 
 
-def test_what_is_older_than_any_sender_waits_is_forgotten() -> None:
+def test_entry_older_than_any_wait_is_forgotten() -> None:
     received = DuplicateFilter(hold_ns=100)
     received.answered(A, b"x", 0)
     received.answered((*A[:3], FAR), b"x", 100)
@@ -95,7 +95,7 @@ def test_what_is_older_than_any_sender_waits_is_forgotten() -> None:
     assert received.spans == 1
 
 
-def test_a_request_is_in_work_until_it_is_answered_even_when_it_is_repeated() -> None:
+def test_repeated_request_is_in_work_until_answered() -> None:
     received = DuplicateFilter(answer_bytes=10)
     received.begin(A, 0)
     assert received.lookup(A) is DuplicateState.IN_WORK
@@ -103,7 +103,7 @@ def test_a_request_is_in_work_until_it_is_answered_even_when_it_is_repeated() ->
     assert received.lookup(A) is DuplicateState.ANSWER_GONE
 
 
-def test_large_answers_are_dropped_but_not_the_memory_of_them() -> None:
+def test_large_answers_are_dropped_but_remembered() -> None:
     received = DuplicateFilter(answer_bytes=100)
     received.answered(A, bytes(60), 0)
     received.answered(B, bytes(60), 0)
@@ -113,14 +113,14 @@ def test_large_answers_are_dropped_but_not_the_memory_of_them() -> None:
     assert received.lookup(C) == b"y"
 
 
-def test_a_message_is_expired_after_its_lifetime_in_its_senders_time() -> None:
+def test_message_expires_in_its_senders_time() -> None:
     frame = Frame(FrameKind.MESSAGE, 1, stamp_ns=1_000, extension=with_lifetime(2.0))
     assert not expired(frame, 2_000_000_000)
     assert expired(frame, 2_000_002_000)
     assert not expired(Frame(FrameKind.MESSAGE, 1), 10**18)
 
 
-def test_a_message_of_another_clock_is_expired_when_its_sender_may_have_been_told_so() -> None:
+def test_foreign_clock_message_expires_when_sender_learned() -> None:
     ahead = Conversion("uav1", "main", 7, 1, 10**15, 0.0, 2_000_000_000, 3_000_000, 0, 0.0, 1)
     frame = Frame(FrameKind.MESSAGE, 1, sender_hw=7, stamp_ns=10**15, extension=with_lifetime(2.0))
     over_ns = 2_000_000_000
@@ -130,7 +130,7 @@ def test_a_message_of_another_clock_is_expired_when_its_sender_may_have_been_tol
     assert not expired_here(Frame(FrameKind.MESSAGE, 1), 10**18, ahead), "without a lifetime it has no end"
 
 
-def test_a_clock_that_is_hardly_known_costs_a_message_no_more_than_a_quarter_of_its_lifetime() -> None:
+def test_uncertain_clock_costs_quarter_of_lifetime() -> None:
     vague = Conversion("uav1", "main", 7, 1, 0, 0.0, 0, 10**12, 0, 0.0, 1)
     frame = Frame(FrameKind.MESSAGE, 1, sender_hw=7, stamp_ns=0, extension=with_lifetime(2.0))
     assert not expired_here(frame, 1_499_999_999, vague)

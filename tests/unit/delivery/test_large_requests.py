@@ -38,7 +38,7 @@ def reply_to(large: LargeRequests, frame: Frame, now_ns: int = 0) -> Reply:
     return found
 
 
-def test_a_request_in_parts_is_whole_with_its_last_part_whatever_their_order() -> None:
+def test_request_in_parts_is_whole_with_last() -> None:
     large, payload = receiver(), bytes(range(256)) * 400
     numbers = iter(range(8, 100))
     parts = list(parts_of(request(payload=payload), lambda: next(numbers)))
@@ -49,14 +49,14 @@ def test_a_request_in_parts_is_whole_with_its_last_part_whatever_their_order() -
     assert (whole.payload, whole.sequence, whole.kind) == (payload, 7, FrameKind.REQUEST)
 
 
-def test_a_request_that_fits_a_frame_passes_and_so_does_its_reply() -> None:
+def test_request_that_fits_frame_passes_with_reply() -> None:
     large, frame, reply = receiver(), request(payload=b"x"), Reply(True, bytes(REPLY_MAX))
     assert large.on_request(frame, 0) is frame
     assert large.on_reply(frame, reply, 0) is reply
     assert held_bytes(reply) is None
 
 
-def test_a_large_reply_is_fetched_in_parts_and_again_if_one_is_lost() -> None:
+def test_large_reply_is_fetched_and_refetched_in_parts() -> None:
     large, body = receiver(), bytes(range(250)) * (SIZE // 250 + 1)
     notice = large.on_reply(request(), Reply(True, body), 0)
     assert (notice.ok, notice.kind) == (True, HELD)
@@ -68,7 +68,7 @@ def test_a_large_reply_is_fetched_in_parts_and_again_if_one_is_lost() -> None:
     assert reply_to(large, fetch(0)).body == found[0]
 
 
-def test_only_who_asked_gets_the_parts_of_a_reply() -> None:
+def test_only_who_asked_gets_parts_of_reply() -> None:
     large = receiver()
     large.on_reply(request(), Reply(True, bytes(SIZE)), 0)
     for frame in (fetch(0, sender=9), fetch(0, sequence=8)):
@@ -84,13 +84,13 @@ def test_held_replies_are_bounded_in_bytes_and_time() -> None:
     assert [reply_to(large, fetch(0, sequence)).ok for sequence in (1, 2, 9)] == [False, False, True]
 
 
-def test_a_reply_beyond_the_limit_of_values_is_left_to_be_refused() -> None:
+def test_oversized_reply_is_left_for_refusal() -> None:
     reply = Reply(True, bytes(VALUE_LIMIT + 1))
     assert receiver().on_reply(request(), reply, 0) is reply
 
 
 @pytest.mark.parametrize("body", [b"", b"abc", bytes(4), (REPLY_MAX).to_bytes(4, "little"), b"\xff" * 4])
-def test_a_size_that_no_large_reply_has_is_refused(body: bytes) -> None:
+def test_size_that_no_large_reply_has_is_refused(body: bytes) -> None:
     with pytest.raises(WireError, match="bytes in parts"):
         held_bytes(Reply(True, body, HELD))
 

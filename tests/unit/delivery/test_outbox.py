@@ -36,7 +36,7 @@ def outcomes(actions: list[Action]) -> list[Outcome]:
         (HERE, 40, []),
     ],
 )
-def test_an_unanswered_message_is_sent_again_ever_slower_and_then_expires(
+def test_unanswered_message_repeats_slower_then_expires(
     receiver: int, timeout_ms: int, again_at_ms: list[int]
 ) -> None:
     outbox = Outbox(HERE)
@@ -71,7 +71,7 @@ def test_a_receiver_may_appear_within_the_grace_time() -> None:
     assert outcomes(outbox.on_ack(key, Ack(int(Status.DELIVERED)), 401 * MS)) == [Outcome(Status.DELIVERED)]
 
 
-def test_a_receiver_that_never_appears_refuses_after_the_grace_time() -> None:
+def test_receiver_that_never_appears_refuses_after_grace_time() -> None:
     outbox = Outbox(HERE)
     outbox.on_submit(message(), 5000 * MS, 0)
     outbox.on_ack(Outbox.key(message()), Ack(int(Status.ABSENT), "uav1", "no such inbox"), 1 * MS)
@@ -82,7 +82,7 @@ def test_a_receiver_that_never_appears_refuses_after_the_grace_time() -> None:
     )
 
 
-def test_a_missing_way_is_told_with_its_hop_when_the_time_is_over() -> None:
+def test_missing_way_is_reported_with_hop() -> None:
     outbox = Outbox(HERE)
     outbox.on_submit(message(receiver_hw=THERE), 2000 * MS, 0)
     outbox.on_ack(Outbox.key(message()), Ack(int(Status.UNREACHABLE), "uav4", "no route"), 5 * MS)
@@ -100,7 +100,7 @@ def test_a_way_that_opens_again_delivers() -> None:
     assert outcomes(outbox.on_ack(key, Ack(int(Status.DELIVERED), "uav2:x#1"), 960 * MS))[0].delivered
 
 
-def test_a_message_to_a_full_inbox_expires_there_and_is_repeated_less_and_less_often() -> None:
+def test_message_to_full_inbox_repeats_less_often() -> None:
     outbox = Outbox(HERE)
     outbox.on_submit(message(receiver_hw=THERE), 2000 * MS, 0)
     outbox.on_ack(Outbox.key(message()), Ack(int(Status.UNREACHABLE), "uav4", FULL), 5 * MS)
@@ -109,7 +109,7 @@ def test_a_message_to_a_full_inbox_expires_there_and_is_repeated_less_and_less_o
     assert outcomes([seen[-1][1]]) == [Outcome(Status.EXPIRED, "uav4", FULL)]
 
 
-def test_a_way_that_may_open_at_any_moment_is_tried_at_a_steady_pace() -> None:
+def test_way_that_may_open_is_tried_steadily() -> None:
     outbox = Outbox(HERE)
     outbox.on_submit(message(receiver_hw=THERE), 5000 * MS, 0)
     key, sent_ms = Outbox.key(message()), [0]
@@ -134,7 +134,7 @@ def test_the_pace_follows_the_measured_round_trip() -> None:
     assert 160 <= at_ms < 200
 
 
-def test_an_answer_to_a_message_that_was_sent_twice_measures_nothing() -> None:
+def test_answer_to_repeated_message_measures_nothing() -> None:
     outbox = Outbox(HERE)
     outbox.on_submit(message(1, receiver_hw=THERE), 5000 * MS, 0)
     run(outbox, 300 * MS)
@@ -143,7 +143,7 @@ def test_an_answer_to_a_message_that_was_sent_twice_measures_nothing() -> None:
     assert outbox.deadline_ns() == 1300 * MS
 
 
-def test_a_request_in_work_is_asked_for_at_the_slowest_pace_and_answered_once() -> None:
+def test_request_in_work_is_answered_once() -> None:
     outbox = Outbox(HERE)
     question = message(kind=FrameKind.REQUEST)
     outbox.on_submit(question, 5000 * MS, 0)
@@ -156,13 +156,13 @@ def test_a_request_in_work_is_asked_for_at_the_slowest_pace_and_answered_once() 
     assert outbox.on_reply(key, 2002 * MS) == [], "a duplicate"
 
 
-def test_an_unknown_status_of_a_later_version_is_a_refusal() -> None:
+def test_unknown_status_of_later_version_is_refusal() -> None:
     outbox = Outbox(HERE)
     outbox.on_submit(message(), 1000 * MS, 0)
     assert outcomes(outbox.on_ack(Outbox.key(message()), Ack(77), 1))[0].status is Status.REFUSED
 
 
-def test_a_receiver_that_died_with_the_message_is_unreachable_not_refusing() -> None:
+def test_receiver_that_died_is_unreachable_not_refusing() -> None:
     outbox = Outbox(HERE)
     outbox.on_submit(message(), 5000 * MS, 0)
     key = Outbox.key(message())
@@ -175,7 +175,7 @@ def test_a_receiver_that_died_with_the_message_is_unreachable_not_refusing() -> 
     assert (outcome.status, outcome.where) == (Status.UNREACHABLE, "uav1")
 
 
-def test_a_message_kind_that_wants_an_acknowledgement_is_answered_whatever_its_priority() -> None:
+def test_acknowledged_message_kind_is_answered_at_any_priority() -> None:
     asks = {kind for kind in FrameKind if answerable(Frame(kind, 1, flags=Flag.WANTS_ACK))}
     assert asks == {
         FrameKind.BOARD,
@@ -192,7 +192,7 @@ def test_a_message_kind_that_wants_an_acknowledgement_is_answered_whatever_its_p
     }
 
 
-def test_slow_notifications_do_not_slow_the_repetition_of_commands() -> None:
+def test_slow_notifications_do_not_slow_repetition_of_commands() -> None:
     outbox = Outbox(HERE)
     for sequence, kind, way_ms in ((1, FrameKind.MESSAGE, 20), (2, FrameKind.NOTIFY, 200)):
         outbox.on_submit(message(sequence, receiver_hw=THERE, kind=kind), 5000 * MS, 0)

@@ -54,7 +54,7 @@ class Box:
 
 
 @given(st.randoms(use_true_random=False))
-def test_parts_in_any_order_and_more_than_once_give_the_value_once(random: Random) -> None:
+def test_parts_in_any_order_give_value_once(random: Random) -> None:
     box, assembly = Box(), PartAssembly(HERE)
     parts = split(whole())
     arriving = parts + random.sample(parts, 3)
@@ -67,7 +67,7 @@ def test_parts_in_any_order_and_more_than_once_give_the_value_once(random: Rando
     assert box.taken[0].sequence == 100
 
 
-def test_each_part_is_a_bulk_frame_of_the_kind_and_lifetime_of_the_whole() -> None:
+def test_each_part_is_bulk_frame_of_whole() -> None:
     parts = split(whole())
     assert [len(part.payload) for part in parts] == [PART_BYTES] * 5 + [7]
     assert {part.kind for part in parts} == {FrameKind.MESSAGE}
@@ -84,7 +84,7 @@ def test_a_whole_frame_passes() -> None:
     assert box.taken[0].payload == b"short"
 
 
-def test_a_full_inbox_gets_the_value_when_its_last_part_is_repeated() -> None:
+def test_full_inbox_gets_value_with_repeated_part() -> None:
     box, assembly = Box(room=0), PartAssembly(HERE)
     *first, last = split(whole())
     for part in first:
@@ -108,7 +108,7 @@ def test_what_is_held_is_bounded_and_forgotten() -> None:
     assert assembly.held_bytes == 2 * len(PAYLOAD)
 
 
-def test_parts_that_do_not_fit_are_refused_and_not_delivered() -> None:
+def test_mismatched_parts_are_refused() -> None:
     box, assembly = Box(), PartAssembly(HERE)
     parts = split(whole())
     assembly.on_frame(parts[0], box.take, 0)
@@ -139,6 +139,6 @@ def test_a_part_that_cannot_be_is_refused(header: PartHeader) -> None:
 
 
 @given(st.binary(max_size=40))
-def test_any_extension_has_a_part_or_none_or_is_refused(extension: bytes) -> None:
+def test_any_extension_is_part_or_refused(extension: bytes) -> None:
     with contextlib.suppress(WireError):
         part_header(extension)

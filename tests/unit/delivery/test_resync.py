@@ -26,7 +26,7 @@ def begun(at: int = 10) -> StreamResync[str]:
     return resync
 
 
-def test_items_wait_for_the_first_snapshot_and_those_in_it_are_left_out() -> None:
+def test_items_wait_for_first_snapshot() -> None:
     resync: StreamResync[str] = StreamResync()
     items(resync, 8, 9, 10, 11)
     assert (resync.needs_snapshot, taken(resync)) == (True, [])
@@ -36,7 +36,7 @@ def test_items_wait_for_the_first_snapshot_and_those_in_it_are_left_out() -> Non
     assert resync.gaps == 0
 
 
-def test_after_a_gap_a_snapshot_comes_before_the_next_item() -> None:
+def test_snapshot_after_gap_precedes_next_item() -> None:
     resync = begun()
     items(resync, 11, 14, 15)
     assert (taken(resync), resync.needs_snapshot, resync.gaps) == (["i11"], True, 2)
@@ -44,7 +44,7 @@ def test_after_a_gap_a_snapshot_comes_before_the_next_item() -> None:
     assert (taken(resync), resync.needs_snapshot) == (["i15"], False)
 
 
-def test_a_snapshot_that_the_items_do_not_follow_is_not_taken() -> None:
+def test_snapshot_without_following_items_is_ignored() -> None:
     resync = begun()
     items(resync, 14, 15)
     assert not resync.on_snapshot(12, 12), "item 13 is missing"
@@ -53,7 +53,7 @@ def test_a_snapshot_that_the_items_do_not_follow_is_not_taken() -> None:
     assert taken(resync) == []
 
 
-def test_a_gap_among_the_items_that_wait_needs_a_further_snapshot() -> None:
+def test_gap_among_items_that_wait_needs_further_snapshot() -> None:
     resync = begun()
     items(resync, 13, 14, 17, 18)
     assert resync.on_snapshot(13, 13)
@@ -62,13 +62,13 @@ def test_a_gap_among_the_items_that_wait_needs_a_further_snapshot() -> None:
     assert taken(resync) == ["i18"]
 
 
-def test_items_that_a_snapshot_contains_may_come_after_it() -> None:
+def test_items_that_snapshot_contains_may_come_after_it() -> None:
     resync = begun(20)
     items(resync, 18, 19, 20, 21)
     assert (taken(resync), resync.needs_snapshot) == (["i21"], False)
 
 
-def test_an_owner_that_has_restarted_begins_again_with_a_snapshot() -> None:
+def test_owner_that_has_restarted_begins_again_with_snapshot() -> None:
     resync = begun(20)
     items(resync, 1, 2, stamp_ns=1000)
     assert resync.needs_snapshot
@@ -86,7 +86,7 @@ def test_few_items_wait_for_a_snapshot() -> None:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_whatever_is_lost_the_state_of_the_reader_is_that_of_the_owner(seed: int) -> None:
+def test_reader_reaches_owners_state_after_any_loss(seed: int) -> None:
     random, resync = Random(seed), StreamResync[int](held_max=8)
     owner, reader, sent = 0, 0, count(1)
     on_way: list[tuple[int, int]] = []

@@ -23,7 +23,7 @@ OTHER = b"\x77\x03abc"
 @pytest.mark.parametrize("sender", [None, FAR, Sender("gcs", Role.OPERATOR), Sender("a" * 32, Role.NODE)])
 @pytest.mark.parametrize("arrived_ns", [None, 0, 4_000, 2**62])
 @pytest.mark.parametrize("before", [b"", OTHER, with_lifetime(2.0), with_lifetime(2.0) + OTHER])
-def test_what_is_stated_is_read_and_other_elements_stay(
+def test_stated_elements_are_read_and_others_stay(
     sender: Sender | None, arrived_ns: int | None, before: bytes
 ) -> None:
     extension = with_sender(before, sender, arrived_ns)
@@ -61,7 +61,7 @@ def test_any_extension_has_a_sender_or_none(extension: bytes) -> None:
 
 
 @pytest.mark.parametrize("via", [(), ("uav2",), ("uav2", "uav3")])
-def test_the_user_and_the_path_are_read_as_they_were_stated(via: tuple[str, ...]) -> None:
+def test_user_and_path_are_read_as_stated(via: tuple[str, ...]) -> None:
     sender = Sender("gcs", Role.OPERATOR, "anna", via)
     extension = with_sender(OTHER, sender, 5)
     assert sender_of(extension) == sender
@@ -69,7 +69,7 @@ def test_the_user_and_the_path_are_read_as_they_were_stated(via: tuple[str, ...]
     assert with_sender(extension, None) == OTHER
 
 
-def test_of_a_path_without_room_the_last_platforms_stay() -> None:
+def test_full_path_keeps_its_last_platforms() -> None:
     via = tuple(f"platform_with_a_long_name_{number}" for number in range(20))
     extension = with_sender(OTHER, Sender("gcs", Role.OPERATOR, "anna", via), 5)
     stated = sender_of(extension)
@@ -77,7 +77,7 @@ def test_of_a_path_without_room_the_last_platforms_stay() -> None:
     assert stated.via[-2:] == via[-2:]
 
 
-def test_the_caller_of_another_process_replaces_what_it_states_of_itself() -> None:
+def test_caller_of_another_process_replaces_its_statements() -> None:
     false = with_sender(with_caller(OTHER, Caller("root", Role.MAINTAINER)), FAR, 5)
     stated = with_caller(false, Caller("bob", Role.OBSERVER))
     assert caller_of(stated) == Caller("bob", Role.OBSERVER)

@@ -28,7 +28,7 @@ def is_genuine(frame: Frame) -> bool:
     return verify(KEY.public, parts.signature.value, signature.signed_content(frame, parts))
 
 
-def test_hops_and_path_change_on_the_way_and_the_signature_holds() -> None:
+def test_signature_holds_while_hops_and_path_change() -> None:
     frame = decode(encode(signed()))
     for hops, node in ((23, 100), (22, 200), (21, 300)):
         frame.hops_left = hops
@@ -66,7 +66,7 @@ def test_any_other_change_breaks_it(change: dict[str, object]) -> None:
     assert not is_genuine(msgspec.structs.replace(signed(), **change))
 
 
-def test_a_changed_lifetime_or_an_added_element_breaks_it() -> None:
+def test_changed_lifetime_or_added_element_breaks_it() -> None:
     frame = signed()
     longer = frame.extension.replace(with_lifetime(2.0), with_lifetime(3600.0))
     assert not is_genuine(msgspec.structs.replace(frame, extension=longer))
@@ -80,13 +80,13 @@ def test_a_signature_of_another_session_is_another_one() -> None:
     assert not is_genuine(msgspec.structs.replace(FRAME, extension=mixed))
 
 
-def test_a_second_signature_replaces_the_first_with_its_path() -> None:
+def test_second_signature_replaces_first_with_its_path() -> None:
     once = signed()
     once.extension = signature.with_node(once.extension, 4)
     assert signed(once).extension == signed().extension
 
 
-def test_a_path_without_room_is_not_extended_and_a_signature_without_room_is_refused() -> None:
+def test_full_path_is_kept_and_signature_refused() -> None:
     full = b"\x77" + bytes((EXTENSION_LIMIT - 4,)) + bytes(EXTENSION_LIMIT - 4)
     assert signature.with_node(full, 1) == full
     with pytest.raises(WireError, match="no room for a signature"):
@@ -107,6 +107,6 @@ def test_any_extension_is_split_or_refused(extension: bytes, node: int) -> None:
 
 
 @pytest.mark.parametrize("extension", [b"\x06\x05abcde", b"\x06\x08abcd", b"\x06\x01a", b"\x06\xff"])
-def test_a_path_of_another_size_than_whole_nodes_within_the_extension_is_refused(extension: bytes) -> None:
+def test_path_of_partial_nodes_is_refused(extension: bytes) -> None:
     with pytest.raises(WireError, match="its path has"):
         signature.split(extension)

@@ -63,7 +63,7 @@ def decoded(frame: bytes) -> bytes | None:
     return body if crc == struct.pack("<H", crc16(body)) else None
 
 
-def test_the_example_of_the_page_is_what_is_sent() -> None:
+def test_example_of_page_is_what_is_sent() -> None:
     examples = [
         bytes.fromhex(found) for found in re.findall(r"`((?:[0-9A-F]{2} )+[0-9A-F]{2})`", PAGE.read_text())
     ]
@@ -74,7 +74,7 @@ def test_the_example_of_the_page_is_what_is_sent() -> None:
 
 
 @given(st.binary(max_size=FRAME_BYTES - 2))
-def test_what_is_framed_is_what_the_firmware_reads_and_the_other_way_round(body: bytes) -> None:
+def test_frames_round_trip_with_firmware(body: bytes) -> None:
     assert decoded(framed(body)[:-1]) == body
     assert list(frame_decoder().feed(framed(body))) == ([body] if body else [])
     assert encoded(body) == framed(body)
@@ -88,14 +88,14 @@ def test_the_encoding_has_no_zero_and_is_reversed(data: bytes) -> None:
 
 
 @pytest.mark.parametrize("size", [253, 254, 255, 508, 509])
-def test_a_long_block_without_a_zero_costs_one_byte_for_each_254(size: int) -> None:
+def test_long_block_costs_one_byte_per_254(size: int) -> None:
     assert len(cobs(b"x" * size)) == cobs_bytes(size) == size + -(-size // 254)
     assert uncobs(cobs(b"x" * size)) == b"x" * size
     assert uncobs(cobs(b"x" * size + b"\0")) == b"x" * size + b"\0"
 
 
 @given(st.binary(min_size=1, max_size=1250))
-def test_a_longer_frame_has_a_crc_of_32_bits(body: bytes) -> None:
+def test_longer_frame_has_crc_of_32_bits(body: bytes) -> None:
     decoder = FrameDecoder(1254, crc32)
     line = serial_frame(body, crc32)
     assert list(decoder.feed(b"noise\0" + line[:3])) == []
@@ -104,9 +104,7 @@ def test_a_longer_frame_has_a_crc_of_32_bits(body: bytes) -> None:
 
 
 @given(st.lists(st.binary(max_size=400), max_size=8), st.binary(max_size=40))
-def test_whatever_is_on_the_line_the_next_frame_is_found_and_memory_is_bounded(
-    chunks: list[bytes], last: bytes
-) -> None:
+def test_frame_is_found_after_noise_in_chassis(chunks: list[bytes], last: bytes) -> None:
     decoder = frame_decoder()
     for chunk in chunks:
         for body in decoder.feed(chunk):
@@ -120,7 +118,7 @@ def test_whatever_is_on_the_line_the_next_frame_is_found_and_memory_is_bounded(
 
 
 @given(st.binary(max_size=FRAME_BYTES))
-def test_a_report_of_any_bytes_is_a_report_or_refused(rest: bytes) -> None:
+def test_report_of_any_bytes_is_report_or_refused(rest: bytes) -> None:
     try:
         found = telemetry(b"\x81" + rest)
     except WireError:
@@ -144,7 +142,7 @@ def test_a_damaged_frame_is_refused_by_name(line: bytes, reason: str) -> None:
     assert decoder.refused == {reason: 1}
 
 
-def test_a_report_has_all_flags_and_a_battery_only_if_it_is_measured() -> None:
+def test_report_has_flags_and_measured_battery() -> None:
     body = struct.pack("<BQBfff", 0x81, 7, 0b1111, 24.5, 3.25, 1.5) + b"zu kalt"
     found = telemetry(body)
     assert found.report == ChassisReport(True, True, 7, "zu kalt", True)
@@ -153,7 +151,7 @@ def test_a_report_has_all_flags_and_a_battery_only_if_it_is_measured() -> None:
     assert telemetry(struct.pack("<BQBfff", 0x81, 7, 0, math.nan, 0.0, 0.0)).battery is None
 
 
-def test_a_set_point_and_gains_arrive_as_they_were_sent() -> None:
+def test_set_point_and_gains_arrive_unchanged() -> None:
     body = decoded(setpoint_frame(Setpoint(1.0, -0.5, 0.25, 2.0))[:-1])
     assert body is not None
     assert struct.unpack("<Bffff", body) == (1, 1.0, -0.5, 0.25, 2.0)
@@ -169,7 +167,7 @@ def test_a_set_point_and_gains_arrive_as_they_were_sent() -> None:
         (ChassisOrder(1, ChassisAction.GAINS, {f"g{n}": 1.0 for n in range(GAINS_LIMIT + 1)}), "at most 12"),
     ],
 )
-def test_an_order_that_does_not_fit_the_protocol_is_refused(order: ChassisOrder, reason: str) -> None:
+def test_order_that_does_not_fit_protocol_is_refused(order: ChassisOrder, reason: str) -> None:
     with pytest.raises(InvalidInput, match=reason):
         order_frame(order)
 
@@ -190,7 +188,7 @@ def test_what_the_chassis_reports_arrives(
     assert (found.report.armed, found.report.answered, found.failsafe) == (armed, answered, failsafe)
 
 
-def test_what_is_sent_to_the_chassis_is_what_it_reads() -> None:
+def test_chassis_reads_what_is_sent_to_it() -> None:
     for sent in (
         Setpoint(1.0, -0.5, 0.25, 2.0),
         ChassisOrder(9, ChassisAction.GAINS, {"yaw_kp": 0.5, "x": -1.0}),
@@ -220,6 +218,6 @@ def test_any_bytes_are_a_command_or_refused(body: bytes) -> None:
         (b"\x81", "neither"),
     ],
 )
-def test_a_command_without_a_valid_content_is_refused_by_name(body: bytes, reason: str) -> None:
+def test_command_without_valid_content_is_refused_by_name(body: bytes, reason: str) -> None:
     with pytest.raises(WireError, match=reason):
         command(body)

@@ -10,7 +10,7 @@ CENTRED = bytes.fromhex("c81816e0031ff8c0073ef0810f7ce0031ff8c0073ef0810f7cad")
 """All channels at 1500 µs. Source: the page of the protocol's working group on packed channels."""
 
 
-def test_the_example_of_the_protocol_is_read_and_written() -> None:
+def test_example_of_protocol_is_read_and_written() -> None:
     assert channels_frame([]) == CENTRED
     (found,) = CrsfDecoder().feed(CENTRED)
     assert found == RcChannels((0.0,) * 16)
@@ -24,7 +24,7 @@ def test_the_ends_of_all_sticks_arrive() -> None:
     assert channels_frame([2.0]) == channels_frame([1.0])
 
 
-def test_the_quality_of_the_link_is_a_ratio_and_other_types_are_passed_over() -> None:
+def test_link_quality_is_ratio_others_are_skipped() -> None:
     decoder = CrsfDecoder()
     battery = b"\x08" + bytes(8)
     data = link_frame(0.75) + bytes([0xC8, len(battery) + 1]) + battery + bytes([crc8(battery)])
@@ -34,7 +34,7 @@ def test_the_quality_of_the_link_is_a_ratio_and_other_types_are_passed_over() ->
 
 
 @given(st.lists(st.binary(max_size=100), max_size=8))
-def test_whatever_is_on_the_line_the_next_frames_are_found_and_memory_is_bounded(chunks: list[bytes]) -> None:
+def test_frames_are_found_after_noise_in_crsf(chunks: list[bytes]) -> None:
     decoder = CrsfDecoder()
     for chunk in chunks:
         for found in decoder.feed(chunk):

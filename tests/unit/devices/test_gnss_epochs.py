@@ -43,14 +43,14 @@ def given(epochs: Epochs, second: float, kinds: str) -> list[str]:
         ("pvt GGA", [], []),
     ],
 )
-def test_each_epoch_has_one_fix_of_the_best_message(each: str, first: list[str], later: list[str]) -> None:
+def test_each_epoch_has_one_fix_of_best_message(each: str, first: list[str], later: list[str]) -> None:
     epochs = Epochs()
     assert given(epochs, 1.0, each) == first
     for second in range(2, 12):
         assert given(epochs, float(second), each) == later
 
 
-def test_another_message_gives_the_fixes_when_the_better_one_ends() -> None:
+def test_another_message_gives_fixes_when_better_one_ends() -> None:
     epochs = Epochs()
     for second in range(3):
         assert given(epochs, float(second), "RMC GGA") == ["GGA"]

@@ -72,13 +72,13 @@ def test_a_sentence_needs_no_line_end() -> None:
     assert not decoder.refused
 
 
-def test_noise_is_counted_once_for_each_line_of_it() -> None:
+def test_noise_is_counted_once_per_line() -> None:
     _, decoder = fixes(b"hello\r\nworld\r\n\r\n", CLASSIC, b"half a ", b"line", CLASSIC, size=1)
     assert decoder.refused == {NO_SENTENCE: 3}
 
 
 @pytest.mark.parametrize("line", [RMC, sentence(GLL)])
-def test_a_receiver_without_gga_gives_fixes_of_two_dimensions(line: bytes) -> None:
+def test_receiver_without_gga_gives_fixes_of_two_dimensions(line: bytes) -> None:
     found, decoder = fixes(line * 3)
     assert len(found) == 2, "the first one waits for a better sentence of its epoch"
     assert found[0].lat_deg == pytest.approx(48 + 7.038 / 60)
@@ -86,7 +86,7 @@ def test_a_receiver_without_gga_gives_fixes_of_two_dimensions(line: bytes) -> No
     assert not decoder.refused
 
 
-def test_a_receiver_with_gns_only_gives_fixes_with_height() -> None:
+def test_receiver_with_gns_only_gives_fixes_with_height() -> None:
     found, decoder = fixes(sentence(GNS))
     assert found == [GnssFix(51 + 14.51176 / 60, -12.29380 / 60, 157.1, 5.9, 7)]
     best, _ = fixes(sentence(GNS.replace("ANNN", "ANRN")))
@@ -108,7 +108,7 @@ def test_a_receiver_with_gns_only_gives_fixes_with_height() -> None:
         (SAT, "none with a position: enable GGA"),
     ],
 )
-def test_the_reason_why_there_is_no_position_is_known(line: bytes, reason: str) -> None:
+def test_reason_why_there_is_no_position_is_known(line: bytes, reason: str) -> None:
     found, decoder = fixes(line * 3)
     assert found == []
     assert decoder.valid == 3
@@ -116,7 +116,7 @@ def test_the_reason_why_there_is_no_position_is_known(line: bytes, reason: str) 
     assert list(decoder.feed(CLASSIC)), "the first position is taken"
 
 
-def test_the_position_before_the_first_fix_is_refused_with_a_reason() -> None:
+def test_position_before_first_fix_is_refused_with_reason() -> None:
     line = (DATA / "null_island.nmea").read_bytes()
     found, decoder = fixes(line * 3)
     assert found == []
@@ -158,7 +158,7 @@ def test_a_fix_of_two_dimensions_has_no_height(sent: bytes, height_m: float) -> 
         ("0.3,0.4", "0.0", 0.5),
     ],
 )
-def test_an_accuracy_of_zero_or_none_is_never_perfect(gst: str, dilution: str, accuracy_m: float) -> None:
+def test_zero_or_missing_accuracy_is_never_perfect(gst: str, dilution: str, accuracy_m: float) -> None:
     stated = sentence(f"GPGST,001037.00,1.2,1.0,0.5,30.0,{gst},0.10")
     (fix,), _ = fixes(stated, sentence(SOUTH.replace(",5.4,", f",{dilution},")))
     assert fix.h_acc_m == accuracy_m
@@ -186,7 +186,7 @@ def test_errors_hold_over_the_minute_and_over_midnight() -> None:
     assert fix.h_acc_m == 5.4
 
 
-def test_other_sentences_whose_names_end_alike_are_not_read() -> None:
+def test_sentences_with_similar_names_are_ignored() -> None:
     found, decoder = fixes(sentence("PGRMC,A,10.5,100"), sentence("PUBX,00,1,2"), sentence("GPRM,1"))
     assert (found, decoder.valid, dict(decoder.refused)) == ([], 3, {})
 
@@ -197,7 +197,7 @@ ALPHABET = [b"$", b"\xb5", b"\xb5\x62", b"\xb5\x62\x01\x07\x5c\x00", b"*", b"\r\
 @given(
     st.lists(st.one_of(st.sampled_from(ALPHABET), st.binary(max_size=80)), max_size=12), st.integers(1, 90)
 )
-def test_whatever_is_on_the_line_valid_messages_are_found(parts: list[bytes], size: int) -> None:
+def test_whatever_is_on_line_valid_messages_are_found(parts: list[bytes], size: int) -> None:
     line = b"".join(parts)
     found, decoder = fixes(line, size=size)
     assert all(fix.sigma_m >= 0.01 and fix.has_place for fix in found)
@@ -219,7 +219,7 @@ def test_a_noisy_line_costs_no_sentence() -> None:
     assert sum(decoder.refused.values()) >= 250
 
 
-def test_the_reasons_of_a_receiver_do_not_fill_the_memory() -> None:
+def test_reasons_of_receiver_do_not_fill_memory() -> None:
     units = [f"{number:x}" for number in range(2000)]
     found, decoder = fixes(*(sentence(SOUTH.replace(",354.682,M,", f",354.682,{unit},")) for unit in units))
     assert found == []

@@ -19,13 +19,13 @@ def test_readings_of_each_model_are_metres(unit: SonarUnit, line: bytes, range_m
     assert decoder.valid == 1
 
 
-def test_what_is_beyond_the_digits_is_their_greatest_number() -> None:
+def test_value_beyond_digits_is_their_maximum() -> None:
     assert reading(99.0, SonarUnit.MM) == b"R9999\r"
     assert reading(-1.0, SonarUnit.CM) == b"R000\r"
 
 
 @given(st.lists(st.binary(max_size=300), max_size=8))
-def test_whatever_is_on_the_line_the_next_reading_is_found_and_memory_is_bounded(
+def test_reading_is_found_after_any_noise(
     chunks: list[bytes],
 ) -> None:
     decoder = SonarDecoder(SonarUnit.MM)

@@ -25,7 +25,7 @@ def test_fixes_of_real_receivers() -> None:
     assert not decoder.refused
 
 
-def test_a_sentence_may_come_in_any_pieces_between_others() -> None:
+def test_sentence_may_come_in_any_pieces_between_others() -> None:
     line = RMC + CLASSIC + b"\r\n" + RMC + sentence(SOUTH)
     for size in (1, 2, 7, 200):
         decoder = ReceiverDecoder()
@@ -34,7 +34,7 @@ def test_a_sentence_may_come_in_any_pieces_between_others() -> None:
         assert decoder.valid == 4
 
 
-def test_the_accuracy_of_the_receiver_is_preferred_while_it_is_fresh() -> None:
+def test_fresh_accuracy_of_receiver_is_preferred() -> None:
     decoder = ReceiverDecoder()
     list(decoder.feed(sentence("GPGST,001037.00,1.2,1.0,0.5,30.0,0.03,0.04,0.10")))
     (fix,) = decoder.feed(sentence(SOUTH))
@@ -44,7 +44,7 @@ def test_the_accuracy_of_the_receiver_is_preferred_while_it_is_fresh() -> None:
 
 
 @pytest.mark.parametrize("quality", ["0", "6", "7", "8", ""])
-def test_without_a_measured_position_there_is_no_fix_and_no_error(quality: str) -> None:
+def test_missing_position_gives_neither_fix_nor_error(quality: str) -> None:
     decoder = ReceiverDecoder()
     assert list(decoder.feed(sentence(f"GPGGA,,,,,,{quality},00,99.9,,,,,,"))) == []
     assert decoder.valid == 1
@@ -77,7 +77,7 @@ def test_without_a_measured_position_there_is_no_fix_and_no_error(quality: str) 
         (sentence("GNGNS,1,2"), "GNS of 3 fields, expected 13 to 14"),
     ],
 )
-def test_what_is_not_understood_is_refused_by_name_and_the_next_fix_arrives(line: bytes, reason: str) -> None:
+def test_unknown_sentence_is_named_and_fix_follows(line: bytes, reason: str) -> None:
     decoder = ReceiverDecoder()
     assert list(decoder.feed(line)) == []
     assert decoder.refused == {reason: 1}
@@ -85,7 +85,7 @@ def test_what_is_not_understood_is_refused_by_name_and_the_next_fix_arrives(line
 
 
 @given(st.lists(st.text("0123456789.-NSEW", max_size=12), min_size=14, max_size=14))
-def test_any_fields_with_a_valid_checksum_are_a_fix_or_refused(fields: list[str]) -> None:
+def test_any_checksummed_fields_are_fix_or_refused(fields: list[str]) -> None:
     for fix in ReceiverDecoder().feed(sentence(f"GPGGA,{','.join(fields)}")):
         assert -90 <= fix.lat_deg <= 90
         assert -180 <= fix.lon_deg <= 180
@@ -101,7 +101,7 @@ def test_any_fields_with_a_valid_checksum_are_a_fix_or_refused(fields: list[str]
     st.integers(1, 99),
     st.floats(0, 1e6),
 )
-def test_the_sentences_of_a_fix_are_read_as_this_fix(
+def test_sentences_of_fix_are_read_as_this_fix(
     lat: float, lon: float, height: float, accuracy: float, satellites: int, time_s: float
 ) -> None:
     assume(abs(lat) > 1e-8 or abs(lon) > 1e-8)

@@ -68,7 +68,7 @@ def test_what_is_no_fix_is_refused_by_name(payload: bytes, reason: str) -> None:
 
 
 @pytest.mark.parametrize("opened", [b"", b"\xb5", b"\xb5\x62", b"\xb5\x62\x01\x07\x5c"])
-def test_the_length_of_a_frame_is_known_after_its_header(opened: bytes) -> None:
+def test_length_of_frame_is_known_after_its_header(opened: bytes) -> None:
     assert ubx.frame_bytes(opened) is None
     assert ubx.frame_bytes(b"\xb5\x62\x01\x07\x5c\x00") == 100
     with pytest.raises(WireError, match="longer than 1024"):

@@ -26,7 +26,7 @@ def raw(*values: float) -> bytes:
     return b"\xfa" + checked + struct.pack(">H", crc)
 
 
-def test_a_unit_that_faces_east_and_turns_right_turns_clockwise_here() -> None:
+def test_unit_facing_east_turns_right_clockwise() -> None:
     (found,) = VectorNavDecoder().feed(raw(90.0, 0, 0, 0.0, 0.0, 0.5, 0.0, 1.0, -9.75))
     assert found.yaw_rad == 0.0
     assert found.wz_rad_s == -0.5
@@ -53,9 +53,7 @@ def test_what_is_sent_is_what_is_read() -> None:
 
 
 @given(st.lists(st.binary(max_size=100), max_size=8), st.integers(1, 41))
-def test_whatever_is_on_the_line_the_next_frames_are_found_and_memory_is_bounded(
-    chunks: list[bytes], cut: int
-) -> None:
+def test_frames_are_found_after_noise_in_crsf(chunks: list[bytes], cut: int) -> None:
     decoder = VectorNavDecoder()
     for chunk in chunks:
         for found in decoder.feed(chunk):
@@ -70,7 +68,7 @@ def test_whatever_is_on_the_line_the_next_frames_are_found_and_memory_is_bounded
     assert decoder.valid >= before + 2, "at most the frame in the tail of the garbage is lost"
 
 
-def test_another_output_and_values_out_of_range_are_refused_by_name() -> None:
+def test_foreign_output_and_range_are_refused_by_name() -> None:
     decoder = VectorNavDecoder()
     assert list(decoder.feed(b"\xfa\x01\x29\x01" + bytes(40))) == []
     assert list(decoder.feed(raw(math.nan, *[0.0] * 8))) == []

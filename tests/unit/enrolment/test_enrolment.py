@@ -65,7 +65,7 @@ def admit(core: Inviter, joiner: Joiner, now_ns: int = 1) -> bytes:
     return core.admitted(admission, ROOT, b"roster", UTC_NS, now_ns)
 
 
-def test_a_node_with_the_token_is_admitted_and_gets_the_roster() -> None:
+def test_node_with_token_is_admitted_and_gets_roster() -> None:
     core, joiner = inviter(), Joiner(token(), "uav1", SEED)
     admission = ask(core, joiner)
     assert isinstance(admission, Admission)
@@ -77,7 +77,7 @@ def test_a_node_with_the_token_is_admitted_and_gets_the_roster() -> None:
     assert core.pending == ()
 
 
-def test_a_lost_answer_is_given_again_to_the_same_key_only() -> None:
+def test_lost_answer_is_repeated_to_same_key() -> None:
     core, joiner = inviter(), Joiner(token(), "uav1", SEED)
     admit(core, joiner)
     again = ask(core, joiner)
@@ -88,7 +88,7 @@ def test_a_lost_answer_is_given_again_to_the_same_key_only() -> None:
         Joiner(token(), "uav1", OTHER_SEED).on_answer(refused, UTC_NS)
 
 
-def test_a_token_expires_by_the_clock_of_the_inviter() -> None:
+def test_token_expires_by_clock_of_inviter() -> None:
     core, joiner = inviter("uav1", "uav2"), Joiner(token(), "uav1", SEED)
     assert core.deadline_ns() == 10 * MINUTE_NS
     assert core.expire(10 * MINUTE_NS - 1) == ()
@@ -100,7 +100,7 @@ def test_a_token_expires_by_the_clock_of_the_inviter() -> None:
         joiner.on_answer(refused, 0)
 
 
-def test_the_clock_of_the_node_does_not_matter_over_the_air() -> None:
+def test_clock_of_node_does_not_matter_over_air() -> None:
     core, joiner = inviter(), Joiner(token(), "uav1", SEED)
     found = joiner.on_answer(admit(core, joiner), 0)
     assert isinstance(found, Credentials) and found.ahead_s == -UTC_NS / SECOND_NS
@@ -113,7 +113,7 @@ def test_the_clock_of_the_node_does_not_matter_over_the_air() -> None:
         (JoinRefusal.EXPIRED, Denied, "the token has expired"),
     ],
 )
-def test_a_token_of_an_earlier_invitation_is_refused_with_its_reason(
+def test_earlier_invitations_token_is_refused_with_reason(
     why: JoinRefusal, error: type[SwarmError], text: str
 ) -> None:
     core, joiner = inviter("uav1", s9=why), Joiner(token(9), "uav1", SEED)
@@ -131,7 +131,7 @@ def test_an_unknown_token_is_refused_as_unknown() -> None:
     assert isinstance(found, NotFound) and "does not know this token (unsigned: any computer" in str(found)
 
 
-def test_a_node_of_another_name_is_refused_and_the_token_remains_valid() -> None:
+def test_node_of_another_name_leaves_token_valid() -> None:
     core, joiner = inviter(), Joiner(token(), "uav2", SEED)
     refused = ask(core, joiner)
     assert isinstance(refused, bytes)
@@ -140,7 +140,7 @@ def test_a_node_of_another_name_is_refused_and_the_token_remains_valid() -> None
     assert isinstance(ask(core, Joiner(token(), "uav1", SEED)), Admission)
 
 
-def test_a_key_that_the_node_does_not_hold_is_refused() -> None:
+def test_key_that_node_does_not_hold_is_refused() -> None:
     proof = SigningKey(OTHER_SEED).sign(b"anything")
     request = JoinRequest("uav1", SigningKey(SEED).public, proof)
     core = inviter()
@@ -151,7 +151,7 @@ def test_a_key_that_the_node_does_not_hold_is_refused() -> None:
     assert len(core.pending) == 1
 
 
-def test_a_root_that_cannot_sign_leaves_the_token_valid() -> None:
+def test_root_that_cannot_sign_leaves_token_valid() -> None:
     core, joiner = inviter(), Joiner(token(), "uav1", SEED)
     admission = ask(core, joiner)
     assert isinstance(admission, Admission)
@@ -167,7 +167,7 @@ def test_an_answer_of_another_root_is_refused() -> None:
         Joiner(token(), "uav1", SEED).on_answer(answer, UTC_NS)
 
 
-def test_a_refusal_that_this_version_does_not_know_is_an_error_with_its_text() -> None:
+def test_unknown_refusal_is_error_with_its_text() -> None:
     joiner = Joiner(token(), "uav1", SEED)
     with pytest.raises(Denied, match="uav1: no room"):
         joiner.on_answer(seal_answer(token(), NONCE, JoinAnswer(UTC_NS, 99, "no room")), UTC_NS)
@@ -177,7 +177,7 @@ def test_a_refusal_that_this_version_does_not_know_is_an_error_with_its_text() -
 
 
 @pytest.mark.parametrize("why", JoinRefusal)
-def test_a_refusal_in_clear_text_is_returned_for_other_addresses_to_be_asked(why: JoinRefusal) -> None:
+def test_clear_text_refusal_lets_other_addresses_answer(why: JoinRefusal) -> None:
     found = Joiner(token(), "uav1", SEED).on_answer(refuse(why), UTC_NS)
     assert isinstance(found, SwarmError) and f"({UNSIGNED})" in str(found)
 
@@ -186,7 +186,7 @@ def receipt(secret: int = 1) -> bytes:
     return Joiner(token(secret), "uav1", SEED).receipt(NONCE)
 
 
-def test_the_inviter_waits_for_the_receipt_of_each_node_that_joined() -> None:
+def test_inviter_waits_for_receipt_of_each_node() -> None:
     core = inviter("uav1", "uav2")
     for secret, platform in ((1, "uav1"), (2, "uav2")):
         admit(core, Joiner(token(secret), platform, SEED), 5 * SECOND_NS)
@@ -200,7 +200,7 @@ def test_the_inviter_waits_for_the_receipt_of_each_node_that_joined() -> None:
     assert core.expire_receipts(MINUTE_NS) == ()
 
 
-def test_the_wait_for_a_receipt_ends_and_begins_again_with_each_answer() -> None:
+def test_receipt_wait_restarts_with_each_answer() -> None:
     core, joiner = inviter(), Joiner(token(), "uav1", SEED)
     admit(core, joiner, SECOND_NS)
     admit(core, joiner, 20 * SECOND_NS)
@@ -211,7 +211,7 @@ def test_the_wait_for_a_receipt_ends_and_begins_again_with_each_answer() -> None
     assert core.deadline_ns() is None and core.on_receipt(receipt()) is None
 
 
-def test_a_lost_answer_is_given_again_also_when_the_token_has_expired_meanwhile() -> None:
+def test_lost_answer_is_repeated_after_token_expired() -> None:
     core, joiner = inviter(), Joiner(token(), "uav1", SEED)
     admit(core, joiner, 10 * MINUTE_NS - 1)
     again = ask(core, joiner, 10 * MINUTE_NS + 1)
@@ -239,7 +239,7 @@ def test_one_address_cannot_keep_the_others_out() -> None:
     assert not core.on_connection("10.0.0.9", SECOND_NS + 1)
 
 
-def test_all_addresses_together_are_limited_and_a_table_of_them_is_bounded() -> None:
+def test_addresses_are_limited_and_their_table_bounded() -> None:
     core = inviter()
     taken = [core.on_connection(f"10.0.{n >> 8}.{n & 255}", 1) for n in range(3 * ADDRESSES_MAX)]
     assert sum(taken) == ATTEMPTS_OF_ALL
@@ -280,7 +280,7 @@ def test_a_sealed_request_of_another_form_is_garbage(content: object) -> None:
 
 
 @given(st.binary(max_size=400))
-def test_a_node_refuses_an_answer_that_is_not_of_the_inviter(data: bytes) -> None:
+def test_node_refuses_answer_that_is_not_of_inviter(data: bytes) -> None:
     with pytest.raises(WireError):
         Joiner(token(), "uav1", SEED).on_answer(data, UTC_NS)
 
@@ -289,7 +289,7 @@ def file_of(platform: str, root: bytes = ROOT) -> bytes:
     return seal_file(token(), NONCE, JoinFile(platform, SEED, root, b"roster"))
 
 
-def test_credentials_in_a_file_are_opened_with_the_token() -> None:
+def test_credentials_in_file_are_opened_with_token() -> None:
     found = from_file(token(), "uav1", file_of("uav1"), "uav1.join", UTC_NS // SECOND_NS)
     assert found == Credentials(SEED, ROOT, b"roster")
 
@@ -305,7 +305,7 @@ def test_credentials_in_a_file_are_opened_with_the_token() -> None:
         (seal_file(token(2), NONCE, JoinFile("uav1", SEED, ROOT, b"")), 0, Denied, "of one invitation"),
     ],
 )
-def test_a_file_that_cannot_be_used_is_refused_with_the_reason(
+def test_unusable_file_is_refused_with_reason(
     made: bytes, utc_s: int, error: type[SwarmError], text: str
 ) -> None:
     with pytest.raises(error, match=f"uav1.join.*{text}|{text}"):
@@ -313,14 +313,14 @@ def test_a_file_that_cannot_be_used_is_refused_with_the_reason(
 
 
 @pytest.mark.parametrize("place", [-1, -17, 13, 25])
-def test_a_message_that_was_changed_on_its_way_is_refused(place: int) -> None:
+def test_message_changed_on_its_way_is_refused(place: int) -> None:
     data = bytearray(seal_answer(token(), NONCE, JoinAnswer(UTC_NS, root_public=ROOT)))
     data[place] ^= 1
     with pytest.raises(WireError, match="not sealed with this token, or changed"):
         open_answer(token(), bytes(data))
 
 
-def test_a_request_that_is_too_long_gets_no_answer() -> None:
+def test_request_that_is_too_long_gets_no_answer() -> None:
     one = inviter("uav1")
     short = b"SWJ1" + bytes(REQUEST_MAX - 4)
     assert one.on_request(short, UTC_NS, 0) == refuse(JoinRefusal.UNKNOWN)

@@ -20,7 +20,7 @@ def test_a_token_is_read_as_it_was_written(hosts: tuple[str, ...]) -> None:
     assert JoinToken.parse(token.text()) == token
 
 
-def test_a_token_of_one_address_is_a_short_word() -> None:
+def test_token_of_one_address_is_short_word() -> None:
     assert len(TEXT) <= 80
     assert TEXT.isalnum() and TEXT.lower() == TEXT
 
@@ -36,7 +36,7 @@ def test_a_token_of_one_address_is_a_short_word() -> None:
         TEXT.replace("1", "I"),
     ],
 )
-def test_case_space_dashes_and_digits_that_look_like_letters_make_no_difference(typed: str) -> None:
+def test_token_ignores_case_dashes_and_lookalikes(typed: str) -> None:
     assert JoinToken.parse(typed) == TOKEN
 
 
@@ -88,7 +88,7 @@ def test_any_text_is_a_token_or_refused(text: str) -> None:
     assert JoinToken.parse(token.text()) == token
 
 
-def test_the_number_and_the_keys_differ_and_do_not_show_the_secret() -> None:
+def test_number_and_keys_differ_without_showing_secret() -> None:
     other = JoinToken(bytes(16), ROOT, 1)
     made = [TOKEN.number, TOKEN.key(b"a"), TOKEN.key(b"b"), other.number, other.key(b"a")]
     assert len(set(made)) == len(made)

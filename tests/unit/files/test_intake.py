@@ -27,7 +27,7 @@ def test_an_offer_is_taken_continued_and_ended() -> None:
     assert intake.free_bytes(stored_bytes=300) == 700
 
 
-def test_what_is_too_large_is_refused_with_the_limit() -> None:
+def test_oversized_value_is_refused_with_limit() -> None:
     intake = FileIntake(Config(limit_bytes=1000, file_limit_bytes=500))
     with pytest.raises(OutOfRange, match="501 bytes; expected at most 500 \\(file_limit_bytes\\)"):
         intake.on_offer(offer(size=501), 0, 0)
@@ -37,7 +37,7 @@ def test_what_is_too_large_is_refused_with_the_limit() -> None:
     intake.on_offer(offer(2, 300), 200, 0)
 
 
-def test_the_number_of_incomplete_files_is_bounded_and_forgotten_ones_make_room() -> None:
+def test_incomplete_files_are_bounded_and_make_room() -> None:
     intake = FileIntake(Config(keep_parts_s=10))
     for number in range(PARTS_MAX):
         intake.on_offer(offer(number, name=f"f{number}"), 0, number * S // 10)
@@ -47,7 +47,7 @@ def test_the_number_of_incomplete_files_is_bounded_and_forgotten_ones_make_room(
     assert gone == [bytes([number]) * 32 for number in range(10)]
 
 
-def test_the_same_content_under_two_names_at_a_time_is_refused() -> None:
+def test_same_content_under_two_names_is_refused() -> None:
     intake = FileIntake(Config())
     intake.on_offer(offer(), 0, 0)
     with pytest.raises(Conflict, match="arrives as map"):

@@ -26,7 +26,7 @@ def stored(tmp_path: Path) -> FileStore:
     return store
 
 
-def test_a_stored_file_is_listed_and_read_in_blocks(tmp_path: Path) -> None:
+def test_stored_file_is_listed_and_read_in_blocks(tmp_path: Path) -> None:
     store = stored(tmp_path)
     assert [(one.name, one.size_bytes) for one in store.entries()] == [("map.png", len(CONTENT))]
     assert store.stored_bytes() == len(CONTENT)
@@ -42,7 +42,7 @@ def test_a_changed_file_has_another_digest(tmp_path: Path) -> None:
     assert not store.has_content("map.png", OFFER.digest)
 
 
-def test_incomplete_files_and_links_are_not_listed_and_not_read(tmp_path: Path) -> None:
+def test_incomplete_files_and_links_are_hidden(tmp_path: Path) -> None:
     store = stored(tmp_path)
     store.part(FileOffer("new.png", 5, bytes(32)))
     (tmp_path / "secret").write_text("secret")
@@ -60,7 +60,7 @@ def test_incomplete_files_and_links_are_not_listed_and_not_read(tmp_path: Path) 
 @pytest.mark.parametrize(
     "name", ["../secret", "a/b", ".hidden", "", "a" * 101, "..", "a\n", "/etc/passwd", "a\0"]
 )
-def test_a_name_outside_the_folder_is_no_file_name(name: str) -> None:
+def test_name_outside_folder_is_no_file_name(name: str) -> None:
     with pytest.raises(msgspec.ValidationError):
         msgspec.msgpack.decode(msgspec.msgpack.encode((name, 1, bytes(32))), type=FileOffer)
 
@@ -81,7 +81,7 @@ def test_what_nobody_continued_is_removed_at_the_start(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_refused_file_leaves_nothing_when_it_is_discarded(tmp_path: Path) -> None:
+def test_refused_file_leaves_nothing_when_it_is_discarded(tmp_path: Path) -> None:
     store = FileStore(tmp_path)
     store.part(OFFER)
     store.drop(OFFER.digest, discard=True)

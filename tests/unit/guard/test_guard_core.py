@@ -22,7 +22,7 @@ from swarmware.testing.virtual import VirtualTime
 from swarmware.types.health import GuardStatus, ServiceState, SupervisorKind, WatchedService
 
 
-def test_everything_that_does_not_run_is_started_in_order() -> None:
+def test_stopped_services_are_all_started_in_order() -> None:
     assert spawned(guard("tree", "health", "sim").on_start({"health": 7}, {}, 0)) == ["tree", "sim"]
 
 
@@ -34,7 +34,7 @@ def test_what_runs_already_is_adopted() -> None:
     assert service(core, "health").adopted
 
 
-def test_a_process_that_was_just_started_by_a_former_guard_is_waited_for() -> None:
+def test_process_started_by_former_guard_is_awaited() -> None:
     core = guard()
     assert core.on_start({}, {"health": 7}, 0) == [Spawn("tree"), WatchProcess("health", 7)]
     assert service(core, "health").state == "starting"
@@ -52,7 +52,7 @@ def test_a_dead_service_is_started_again_at_once() -> None:
     assert service(core, "tree").restarts == 1
 
 
-def test_one_that_dies_again_and_again_waits_longer_and_longer_and_is_given_up() -> None:
+def test_repeatedly_dying_service_waits_then_is_abandoned() -> None:
     core = guard()
     running(core)
     now_ns, pauses = SECOND, []
@@ -73,7 +73,7 @@ def test_one_that_dies_again_and_again_waits_longer_and_longer_and_is_given_up()
     assert "given up after 4 restarts" in service(core, "tree").reason
 
 
-def test_one_that_ran_for_long_is_started_without_a_pause_again() -> None:
+def test_long_running_service_restarts_without_pause() -> None:
     core = guard()
     running(core)
     core.on_exit("tree", 10, ExitStatus(code=1), SECOND)
@@ -82,7 +82,7 @@ def test_one_that_ran_for_long_is_started_without_a_pause_again() -> None:
     assert without_tell(core.on_exit("tree", 11, ExitStatus(code=1), 13 * SECOND)) == [Spawn("tree")]
 
 
-def test_an_operator_can_revive_one_that_was_given_up() -> None:
+def test_operator_can_revive_one_that_was_given_up() -> None:
     core = guard(restart_limit=1)
     running(core)
     core.on_exit("tree", 10, ExitStatus(code=1), SECOND)
@@ -92,7 +92,7 @@ def test_an_operator_can_revive_one_that_was_given_up() -> None:
     assert core.on_restart_order("tree", 2 * SECOND) == [Spawn("tree")]
 
 
-def test_a_beat_that_stands_still_is_a_hang_and_is_killed() -> None:
+def test_stale_beat_is_hang_and_kill() -> None:
     core = guard("tree")
     running(core)
     for second in range(1, 4):
@@ -115,7 +115,7 @@ def test_one_that_never_joins_the_node_is_killed() -> None:
     ]
 
 
-def test_nobody_is_blamed_for_a_time_in_which_the_guard_itself_did_not_run() -> None:
+def test_time_without_guard_blames_no_service() -> None:
     core = guard("tree")
     running(core)
     assert core.on_heartbeats_read(30 * SECOND) == []
@@ -123,7 +123,7 @@ def test_nobody_is_blamed_for_a_time_in_which_the_guard_itself_did_not_run() -> 
     assert core.on_heartbeats_read(33 * SECOND) == [Kill("tree", 10, "hung: no beat for 5.5 s")]
 
 
-def test_a_restart_on_request_asks_first_and_kills_later() -> None:
+def test_restart_on_request_asks_first_and_kills_later() -> None:
     core = guard("tree")
     running(core)
     assert core.on_restart_order("tree", SECOND) == [Terminate("tree", 10)]
@@ -133,14 +133,14 @@ def test_a_restart_on_request_asks_first_and_kills_later() -> None:
     assert service(core, "tree").reason == "restarted on request"
 
 
-def test_the_end_of_another_process_of_the_same_name_means_nothing() -> None:
+def test_end_of_namesake_process_means_nothing() -> None:
     core = guard()
     running(core)
     assert core.on_exit("tree", 99, ExitStatus(signal=9), SECOND) == []
     assert service(core, "tree").state == "running"
 
 
-def test_one_that_dies_while_others_are_stopped_is_not_started_again() -> None:
+def test_service_dying_during_stop_is_not_restarted() -> None:
     core = guard("broker", "tree", "sim")
     running(core)
     assert core.on_stop(0) == [Terminate("sim", 30)]
@@ -151,7 +151,7 @@ def test_one_that_dies_while_others_are_stopped_is_not_started_again() -> None:
     assert core.stopped
 
 
-def test_one_that_waits_for_its_next_start_is_not_started_by_a_stop() -> None:
+def test_service_awaiting_start_is_not_started_by_stop() -> None:
     core = guard("tree")
     running(core)
     core.on_exit("tree", 10, ExitStatus(code=1), SECOND)
@@ -178,7 +178,7 @@ def test_stopping_is_complete_and_nothing_is_started_again() -> None:
     assert core.stopped
 
 
-def test_one_that_does_not_end_when_asked_is_killed() -> None:
+def test_service_that_ignores_stop_is_killed() -> None:
     core = guard("tree")
     running(core)
     core.on_stop(0)
@@ -187,7 +187,7 @@ def test_one_that_does_not_end_when_asked_is_killed() -> None:
     assert core.stopped
 
 
-def test_a_new_guard_goes_on_with_the_counters_of_the_one_that_was_killed() -> None:
+def test_new_guard_continues_counters_of_killed_one() -> None:
     core = guard()
     before = GuardStatus(
         SupervisorKind.SELF,
@@ -200,7 +200,7 @@ def test_a_new_guard_goes_on_with_the_counters_of_the_one_that_was_killed() -> N
     assert core.status().restarts == 3
 
 
-def test_one_that_died_while_there_was_no_guard_is_counted_and_told() -> None:
+def test_death_without_guard_is_counted_and_reported() -> None:
     core = guard()
     core.restore(GuardStatus(SupervisorKind.SELF, (WatchedService("tree", ServiceState.RUNNING, pid=5),), 0))
     tell, *spawns = core.on_start({}, {}, 0)
@@ -210,7 +210,7 @@ def test_one_that_died_while_there_was_no_guard_is_counted_and_told() -> None:
     assert service(core, "tree").restarts == 1
 
 
-def test_a_restart_by_the_runner_of_the_process_is_counted_and_told() -> None:
+def test_restart_by_runner_is_counted_and_reported() -> None:
     core = guard("tree")
     core.on_start({"tree": 1}, {}, 0)
     told = core.on_restarted("tree", 2, SECOND)
@@ -303,7 +303,7 @@ class Watching:
                 self.driver.feed(self.core.on_exit(name, pid, ExitStatus(signal=9), now_ns))
 
 
-def test_a_guard_looks_once_a_second_and_kills_what_does_not_beat_only_that() -> None:
+def test_guard_checks_each_second_and_kills_hung() -> None:
     watching = Watching()
     watching.time.run_for(10)
     assert watching.looks in {10, 11}
@@ -317,7 +317,7 @@ def test_a_guard_looks_once_a_second_and_kills_what_does_not_beat_only_that() ->
 
 
 @pytest.mark.parametrize("away_s", [2, 5, 6, 7, 30])
-def test_beats_of_a_time_in_which_the_guard_did_not_run_count(away_s: int) -> None:
+def test_beats_during_guards_absence_count(away_s: int) -> None:
     watching = Watching()
     watching.time.run_for(10)
     watching.time.now_ns += away_s * SECOND  # the process was stopped; the services went on
@@ -326,12 +326,12 @@ def test_beats_of_a_time_in_which_the_guard_did_not_run_count(away_s: int) -> No
     assert not [action for action in watching.done if isinstance(action, Kill)]
 
 
-def test_a_process_that_is_gone_before_it_can_be_followed_is_started_again_after_the_others() -> None:
+def test_unfollowable_process_is_started_after_others() -> None:
     watching = Watching(fails_to_start={"tree"})
     assert spawned(watching.done) == ["tree", "sim", "tree"]
 
 
-def test_a_guard_whose_services_have_all_been_stopped_looks_no_more() -> None:
+def test_guard_of_stopped_services_checks_no_longer() -> None:
     watching = Watching()
     watching.time.run_for(5)
     for name, pid in (("sim", 10), ("tree", 10)):

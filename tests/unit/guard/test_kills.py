@@ -98,9 +98,7 @@ class Node:
 
 @pytest.mark.parametrize("supervisor", [SupervisorKind.SELF, SupervisorKind.SYSTEMD])
 @pytest.mark.parametrize("how", [KILLED, CRASHED, UNKNOWN], ids=str)
-def test_a_thousand_kills_three_seconds_apart_are_a_thousand_restarts_at_once(
-    how: ExitStatus, supervisor: SupervisorKind
-) -> None:
+def test_thousand_spaced_kills_are_thousand_restarts(how: ExitStatus, supervisor: SupervisorKind) -> None:
     node = Node(supervisor)
     for number in range(1000):
         node.end(NAMES[number % len(NAMES)], how)
@@ -111,7 +109,7 @@ def test_a_thousand_kills_three_seconds_apart_are_a_thousand_restarts_at_once(
     assert not any(one.adopted for one in node.core.status().services)
 
 
-def test_one_that_is_killed_whenever_it_is_back_is_never_given_up() -> None:
+def test_service_killed_at_return_is_never_abandoned() -> None:
     node = Node()
     for _ in range(1000):
         node.end("tree", KILLED)
@@ -120,7 +118,7 @@ def test_one_that_is_killed_whenever_it_is_back_is_never_given_up() -> None:
     assert max(node.away_s) == pytest.approx(START_S)
 
 
-def test_one_that_fails_before_it_is_ready_waits_longer_each_time_and_is_given_up() -> None:
+def test_service_failing_before_ready_is_abandoned_eventually() -> None:
     node = Node()
     node.fails.add("hal")
     node.end("hal", KILLED)
@@ -132,7 +130,7 @@ def test_one_that_fails_before_it_is_ready_waits_longer_each_time_and_is_given_u
     assert "given up after 30 restarts in a row" in hal.reason
 
 
-def test_one_that_crashes_right_after_it_is_ready_waits_and_one_that_lasted_does_not() -> None:
+def test_crash_after_ready_waits_unless_it_lasted() -> None:
     node = Node()
     for _ in range(4):
         node.end("hal", CRASHED)

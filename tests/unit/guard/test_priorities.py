@@ -43,7 +43,7 @@ def run(
         ((0,), 20, ProcessPriority(), ProcessPriority()),
     ],
 )
-def test_a_heavy_process_yields_and_a_late_one_goes_first_as_far_as_the_rights_reach(
+def test_heavy_process_yields_and_late_precedes(
     cores: tuple[int, ...], lowest_nice: int, heavy: ProcessPriority, late: ProcessPriority
 ) -> None:
     core = PriorityCore(cores, lowest_nice)
@@ -52,7 +52,7 @@ def test_a_heavy_process_yields_and_a_late_one_goes_first_as_far_as_the_rights_r
     assert (core.of("logger"), core.of("mission")) == (heavy, late)
 
 
-def test_a_short_peak_sets_nothing_and_a_relaxed_processor_resets_everything() -> None:
+def test_short_peak_sets_nothing_and_rest_resets() -> None:
     core = PriorityCore((0, 1), -20)
     assert run(core, range(3), 0.95, LATE) == []
     assert run(core, range(3, 60), 0.5, LATE) == []
@@ -65,7 +65,7 @@ def test_a_short_peak_sets_nothing_and_a_relaxed_processor_resets_everything() -
     assert {priority for _, _, priority in relaxed} == {ProcessPriority()}
 
 
-def test_a_process_that_has_become_light_by_yielding_does_not_get_its_priority_back_at_once() -> None:
+def test_lightened_process_regains_priority_later() -> None:
     core = PriorityCore((0, 1), -20)
     run(core, range(10), 0.95, QUIET)
     assert core.of("logger").nice == DEMOTED
@@ -74,7 +74,7 @@ def test_a_process_that_has_become_light_by_yielding_does_not_get_its_priority_b
     assert core.of("logger").nice == DEMOTED
 
 
-def test_a_new_process_of_a_service_begins_with_the_default_and_one_that_left_is_forgotten() -> None:
+def test_new_process_begins_with_default_priority() -> None:
     core = PriorityCore((0, 1), -20)
     run(core, range(10), 0.95, QUIET)
     again = (ServiceLoad("logger", 9, 60.0, 2.0),)
@@ -91,7 +91,7 @@ def test_what_others_depend_on_never_yields(name: str) -> None:
     assert run(core, range(20), 1.0, (ServiceLoad(name, 1, 90.0, 50.0),)) == []
 
 
-def test_a_refused_priority_is_not_set_again_and_one_of_a_former_guard_is_taken_back() -> None:
+def test_refused_priority_is_not_set_again() -> None:
     core = PriorityCore((0, 1), -20)
     run(core, range(10), 0.95, QUIET)
     core.on_refused("logger")
@@ -101,7 +101,7 @@ def test_a_refused_priority_is_not_set_again_and_one_of_a_former_guard_is_taken_
     assert ("mission", ProcessPriority()) in {(name, priority) for _, name, priority in acts}
 
 
-def test_a_real_process_that_is_refused_is_left_alone(caplog: pytest.LogCaptureFixture) -> None:
+def test_real_process_that_is_refused_is_left_alone(caplog: pytest.LogCaptureFixture) -> None:
     priorities = ProcessPriorities()
     gone = AppStatus(2**22 - 1, AppState.RUNNING, 1, cpu_percent=90.0)
     for second in range(1, 30):

@@ -14,7 +14,7 @@ def ended(core: GuardCore, name: str, now_ns: int) -> list[Action]:
     return core.on_exit(name, service(core, name).pid, ExitStatus(code=0), now_ns)
 
 
-def test_a_service_that_an_operator_stops_stays_stopped_until_it_is_started() -> None:
+def test_service_stopped_by_operator_stays_stopped() -> None:
     core = guard("tree", "logger")
     running(core)
     assert core.on_stop_order("logger", "ann@gcs", SECOND) == [Stop("logger", 20)]
@@ -35,7 +35,7 @@ def test_a_service_that_an_operator_stops_stays_stopped_until_it_is_started() ->
     assert core.on_start_order("logger", 61 * SECOND) == []
 
 
-def test_a_service_that_does_not_end_when_it_is_stopped_is_killed() -> None:
+def test_stopped_service_that_hangs_is_killed() -> None:
     core = guard("logger")
     running(core)
     core.on_stop_order("logger", "ann", 0)
@@ -47,7 +47,7 @@ def test_a_service_that_does_not_end_when_it_is_stopped_is_killed() -> None:
     assert service(core, "logger").state == "stopped"
 
 
-def test_a_service_in_its_pause_is_stopped_at_once_and_a_failed_one_is_started() -> None:
+def test_pausing_service_stops_and_failed_service_starts() -> None:
     core = guard("logger", back_off_s=(5.0,), restart_limit=1)
     running(core)
     ended(core, "logger", 0)
@@ -65,7 +65,7 @@ def test_a_service_in_its_pause_is_stopped_at_once_and_a_failed_one_is_started()
 
 
 @pytest.mark.parametrize("name", ["broker", "guard"])
-def test_what_an_operator_needs_to_start_it_again_cannot_be_stopped(name: str) -> None:
+def test_services_needed_for_starting_cannot_be_stopped(name: str) -> None:
     core = guard("broker", "tree")
     running(core)
     with pytest.raises(Denied, match=f"'{name}': cannot be stopped: .*again"):
@@ -82,7 +82,7 @@ def test_a_unit_of_systemd_is_stopped_by_systemctl() -> None:
 
 
 @pytest.mark.parametrize("before_its_end", [True, False])
-def test_a_guard_that_is_killed_leaves_stopped_services_to_the_next(before_its_end: bool) -> None:
+def test_killed_guard_leaves_stopped_services_to_next(before_its_end: bool) -> None:
     core = guard("tree", "logger")
     running(core)
     core.on_stop_order("logger", "ann", 0)
@@ -100,7 +100,7 @@ def test_a_guard_that_is_killed_leaves_stopped_services_to_the_next(before_its_e
     assert after.on_stop(3 * SECOND) == [Terminate("tree", 10)]
 
 
-def test_a_process_that_starts_all_its_services_runs_one_that_was_stopped_before() -> None:
+def test_all_services_process_runs_formerly_stopped_one() -> None:
     core = guard("tree", "logger")
     running(core)
     core.on_stop_order("logger", "ann", 0)
@@ -110,7 +110,7 @@ def test_a_process_that_starts_all_its_services_runs_one_that_was_stopped_before
     assert service(after, "logger").stopped_by == ""
 
 
-def test_the_node_stops_also_while_a_service_is_being_stopped() -> None:
+def test_node_stops_also_while_service_is_being_stopped() -> None:
     core = guard("tree", "logger")
     running(core)
     core.on_stop_order("logger", "ann", 0)

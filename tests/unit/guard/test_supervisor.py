@@ -29,7 +29,7 @@ def supervisor(run_dir: Path) -> ProcessSupervisor:
     return ProcessSupervisor(run_dir, run_dir, on_exit)
 
 
-async def test_a_process_that_another_one_started_is_watched_by_its_start(
+async def test_foreign_process_is_watched_by_its_start(
     tmp_path: Path, child: subprocess.Popen[bytes]
 ) -> None:
     guard = supervisor(tmp_path)
@@ -42,9 +42,7 @@ async def test_a_process_that_another_one_started_is_watched_by_its_start(
     guard.close()
 
 
-async def test_a_process_with_a_reused_pid_is_not_killed(
-    tmp_path: Path, child: subprocess.Popen[bytes]
-) -> None:
+async def test_process_with_reused_pid_is_not_killed(tmp_path: Path, child: subprocess.Popen[bytes]) -> None:
     guard = supervisor(tmp_path)
     guard.watch("hal", child.pid, start_ticks(child.pid) - 1)
     guard.kill("hal", child.pid)

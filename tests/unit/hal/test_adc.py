@@ -32,7 +32,7 @@ def converter(root: Path) -> Path:
     return folder
 
 
-async def test_channels_are_published_and_a_lost_converter_is_waited_for(
+async def test_channels_are_published_and_lost_converter_awaited(
     tmp_path: Path,
 ) -> None:
     folder = converter(tmp_path)
@@ -49,7 +49,7 @@ async def test_channels_are_published_and_a_lost_converter_is_waited_for(
 
 
 @pytest.mark.parametrize("text", ["", "much", "1 2", "\xff"])
-def test_what_is_not_a_number_is_refused_with_its_file(tmp_path: Path, text: str) -> None:
+def test_non_number_is_refused_with_its_file(tmp_path: Path, text: str) -> None:
     folder = converter(tmp_path)
     (folder / "in_voltage0_raw").write_text(text, "latin-1")
     with pytest.raises(DeviceError, match=r"in_voltage0_raw: .*, expected a number"):

@@ -59,9 +59,7 @@ async def waits_at_the_gate(operator: Module) -> None:
         await operator.request("sys/vehicle/gains", GainsRequest({}), VehicleState, timeout_s=PATIENCE_S)
 
 
-async def test_a_ready_vehicle_is_armed_and_one_that_is_not_refuses_with_the_list(
-    tmp_path: Path, hasty: None
-) -> None:
+async def test_ready_vehicle_arms_and_unready_refuses_with_list(tmp_path: Path, hasty: None) -> None:
     async with gated(tmp_path) as (chassis, operator, ready):
         ready.write(LOW)
         with pytest.raises(Denied, match=r"^not ready: battery: 0.12; link: no ground station$"):
@@ -89,7 +87,7 @@ async def test_the_arming_waits_for_the_first_readiness(tmp_path: Path) -> None:
         assert len(chassis.orders) == 1
 
 
-async def test_a_node_without_a_monitor_that_should_have_one_refuses(tmp_path: Path, hasty: None) -> None:
+async def test_node_without_monitor_that_should_have_one_refuses(tmp_path: Path, hasty: None) -> None:
     async with gated(tmp_path) as (_, operator, ready):
         with pytest.raises(Denied, match="no health/ready; expected it of the service health"):
             await arm(operator)
@@ -98,13 +96,13 @@ async def test_a_node_without_a_monitor_that_should_have_one_refuses(tmp_path: P
             await arm(operator)
 
 
-async def test_a_node_that_is_configured_without_a_monitor_has_no_gate(tmp_path: Path) -> None:
+async def test_node_without_monitor_has_no_gate(tmp_path: Path) -> None:
     async with gated(tmp_path, "hal") as (_, operator, ready):
         ready.write(LOW)
         assert (await arm(operator)).armed
 
 
-async def test_a_forced_arming_is_recorded_with_what_it_overrode(tmp_path: Path) -> None:
+async def test_forced_arming_is_recorded_with_what_it_overrode(tmp_path: Path) -> None:
     async with gated(tmp_path) as (_, operator, ready):
         audit = operator.stream_reader("vehicle/orders", MotorOrder)
         ready.write(LOW)
@@ -123,7 +121,7 @@ async def test_a_forced_arming_is_recorded_with_what_it_overrode(tmp_path: Path)
 
 
 @pytest.mark.parametrize("stop", ["disarm", "kill"])
-async def test_an_arming_that_waits_is_overtaken_by_a_later_order(tmp_path: Path, stop: str) -> None:
+async def test_arming_that_waits_is_overtaken_by_later_order(tmp_path: Path, stop: str) -> None:
     async with gated(tmp_path) as (chassis, operator, ready):
         ready.write(LOW)
         waiting = arm(operator)

@@ -68,7 +68,7 @@ def test_any_bytes_are_a_measurement_or_refused(data: bytes, coefficients: bytes
 
 
 @pytest.mark.parametrize("bus", ["i2c", "spi"])
-async def test_a_barometer_is_started_read_lost_and_found_again(tmp_path: Path, bus: str) -> None:
+async def test_barometer_is_started_read_lost_and_found_again(tmp_path: Path, bus: str) -> None:
     with simulated_kernel(tmp_path) as kernel:
         chip = started(UpperChip(0x76) if bus == "spi" else Chip(0x76))
         config = Bmp280Driver(bus=bus, device=kernel.plug("bus", chip), rate_hz=20.0)  # type: ignore[arg-type]
@@ -87,7 +87,7 @@ async def test_a_barometer_is_started_read_lost_and_found_again(tmp_path: Path, 
             assert await state_of(checks, "hal/driver/bmp280", "ok")
 
 
-async def test_a_chip_that_lost_its_supply_is_started_again(tmp_path: Path) -> None:
+async def test_chip_that_lost_its_supply_is_started_again(tmp_path: Path) -> None:
     with simulated_kernel(tmp_path) as kernel:
         chip = started(Chip(0x76))
         config = Bmp280Driver(device=kernel.plug("bus", chip), rate_hz=20.0)

@@ -35,7 +35,7 @@ def picture(config: CameraDriver) -> Image:
         camera.disconnect()
 
 
-async def test_the_pictures_of_a_camera_are_a_stream_of_images(tmp_path: Path) -> None:
+async def test_pictures_of_camera_are_stream_of_images(tmp_path: Path) -> None:
     async with running(tmp_path, [Camera(PATTERN)], FAST) as other:
         stream = other.stream_reader("sensor/camera", Image)
         async with asyncio.timeout(20.0):
@@ -53,7 +53,7 @@ def test_pictures_have_the_encoding_that_is_configured(encoding: Literal["mono8"
     assert len(picture(with_(PATTERN, encoding=encoding)).data) == size
 
 
-def test_jpeg_is_compressed_here_or_taken_from_the_camera_as_it_is(tmp_path: Path) -> None:
+def test_jpeg_is_compressed_or_taken_from_camera(tmp_path: Path) -> None:
     own = picture(with_(PATTERN, encoding="jpeg", quality=60))
     assert own.data[:2] == b"\xff\xd8"
     assert to_pixels(own).data[0] > 240

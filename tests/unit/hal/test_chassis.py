@@ -13,7 +13,7 @@ from swarmware.types.control import ControlState, Drive, DriveMode
 from swarmware.types.vehicle import ArmRequest, KillRequest, MotorOrder, Setpoint, VehicleMode, VehicleState
 
 
-async def test_the_vehicle_is_armed_through_its_chassis_and_each_request_is_audited(
+async def test_vehicle_arms_through_chassis_with_audit(
     tmp_path: Path,
 ) -> None:
     async with bench(tmp_path) as (chassis, _, other):
@@ -39,7 +39,7 @@ async def test_the_vehicle_is_armed_through_its_chassis_and_each_request_is_audi
         ]
 
 
-async def test_lost_orders_are_repeated_and_a_deaf_chassis_is_reported(tmp_path: Path) -> None:
+async def test_lost_orders_repeat_and_deaf_chassis_is_reported(tmp_path: Path) -> None:
     async with bench(tmp_path, answer_s=0.3) as (chassis, _, _):
         chassis.loses = 2
         assert (await chassis.execute(ChassisAction.ARM)).armed
@@ -63,7 +63,7 @@ async def test_a_kill_waits_for_no_other_order(tmp_path: Path) -> None:
         assert [order.action for order in chassis.orders] == ["arm", "kill"]
 
 
-async def test_no_other_order_overtakes_a_kill_that_is_not_answered(tmp_path: Path) -> None:
+async def test_no_order_overtakes_unanswered_kill(tmp_path: Path) -> None:
     async with bench(tmp_path, answer_s=20.0) as (chassis, _, _):
         await chassis.execute(ChassisAction.ARM)
         chassis.loses = 1
@@ -88,7 +88,7 @@ async def test_gains_that_another_order_overtook_are_sent_again(tmp_path: Path) 
         assert chassis.orders[2].gains == {"rate_kp": 0.2}
 
 
-async def test_only_a_vehicle_that_is_named_and_at_rest_is_calibrated(tmp_path: Path) -> None:
+async def test_only_named_resting_vehicle_is_calibrated(tmp_path: Path) -> None:
     path = "sys/vehicle/calibrate"
     async with bench(tmp_path) as (chassis, _, other):
         with pytest.raises(Denied, match="this is uav1"):
@@ -102,7 +102,7 @@ async def test_only_a_vehicle_that_is_named_and_at_rest_is_calibrated(tmp_path: 
         assert chassis.orders[-1].action is ChassisAction.CALIBRATE
 
 
-async def test_set_points_go_out_once_and_are_replaced_when_they_end(tmp_path: Path) -> None:
+async def test_set_points_are_sent_once_then_replaced(tmp_path: Path) -> None:
     async with bench(tmp_path, watchdog_s=0.5) as (chassis, module, other):
         drive = other.writer("act/drive", Drive)
         assert not await chassis.write(module.now_ns())
@@ -120,7 +120,7 @@ async def test_set_points_go_out_once_and_are_replaced_when_they_end(tmp_path: P
         assert chassis.setpoints == [Setpoint(1.5), Setpoint(0.0)]
 
 
-async def test_a_chassis_that_falls_silent_is_an_error_and_its_state_is_withdrawn(tmp_path: Path) -> None:
+async def test_silent_chassis_is_error_and_state_withdrawn(tmp_path: Path) -> None:
     async with bench(tmp_path) as (chassis, module, other):
         state = other.reader("vehicle/state", VehicleState)
         assert state.value is not None
@@ -141,7 +141,7 @@ async def test_a_chassis_that_falls_silent_is_an_error_and_its_state_is_withdraw
         (DriveMode.PILOT, VehicleMode.MANUAL),
     ],
 )
-async def test_the_state_of_the_vehicle_has_the_mode_of_control(
+async def test_state_of_vehicle_has_mode_of_control(
     tmp_path: Path, mode: DriveMode, expected: VehicleMode
 ) -> None:
     async with bench(tmp_path) as (chassis, module, other):

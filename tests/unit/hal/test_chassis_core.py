@@ -21,7 +21,7 @@ def opened(report: ChassisReport | None = None) -> ChassisCore:
     return core
 
 
-def test_an_order_is_repeated_until_a_report_answers_it() -> None:
+def test_order_is_repeated_until_report_answers_it() -> None:
     core = opened()
     order = core.on_order(ARM, 10 * S)
     assert core.repeated(10 * S + REPEAT_NS - 1) == []
@@ -35,7 +35,7 @@ def test_an_order_is_repeated_until_a_report_answers_it() -> None:
     assert core.repeated(20 * S) == []
 
 
-def test_numbers_of_orders_rise_also_within_one_instant_and_after_a_restart() -> None:
+def test_order_numbers_rise_within_instant_and_restart() -> None:
     core = opened()
     numbers = [core.on_order(GAINS, 10 * S).number for _ in range(3)]
     assert numbers == sorted(set(numbers))
@@ -47,7 +47,7 @@ def test_numbers_of_orders_rise_also_within_one_instant_and_after_a_restart() ->
     ("first", "armed", "refused"),
     [(ARM, False, True), (ARM, True, True), (DISARM, False, False), (KILL, False, False), (KILL, True, True)],
 )
-def test_an_order_that_a_later_one_overtook_succeeds_only_if_both_stop_the_motors(
+def test_overtaken_order_succeeds_only_when_both_stop(
     first: ChassisAction, armed: bool, refused: bool
 ) -> None:
     core = opened()
@@ -60,7 +60,7 @@ def test_an_order_that_a_later_one_overtook_succeeds_only_if_both_stop_the_motor
     assert bool(answer.refused) is refused
 
 
-def test_an_order_to_the_motors_does_not_end_one_about_gains() -> None:
+def test_motor_order_does_not_end_gain_order() -> None:
     core = opened()
     gains = core.on_order(GAINS, 10 * S, {"rate_kp": 0.2})
     kill = core.on_order(KILL, 10 * S)
@@ -69,7 +69,7 @@ def test_an_order_to_the_motors_does_not_end_one_about_gains() -> None:
     assert core.repeated(10 * S + 2 * REPEAT_NS) == [kill]
 
 
-def test_a_set_point_goes_out_once_with_the_instant_for_which_it_was_computed() -> None:
+def test_set_point_is_sent_once_with_its_instant() -> None:
     core = opened(ARMED)
     core.on_setpoint(Setpoint(1.0), 10 * S + 5)
     assert core.output(10 * S + 9) == DriveOutput(Setpoint(1.0), 10 * S + 5)
@@ -77,7 +77,7 @@ def test_a_set_point_goes_out_once_with_the_instant_for_which_it_was_computed() 
 
 
 @pytest.mark.parametrize("begun", [True, False])
-def test_an_armed_chassis_without_fresh_set_points_is_stopped_until_they_arrive_again(begun: bool) -> None:
+def test_armed_chassis_without_set_points_is_stopped(begun: bool) -> None:
     core = opened(ARMED)
     now_ns = 10 * S
     if begun:
@@ -94,12 +94,12 @@ def test_an_armed_chassis_without_fresh_set_points_is_stopped_until_they_arrive_
     assert not core.failsafe(now_ns + S)
 
 
-def test_a_chassis_that_is_disarmed_or_unknown_has_no_fail_safe() -> None:
+def test_disarmed_or_unknown_chassis_has_no_fail_safe() -> None:
     assert not opened().failsafe(100 * S)
     assert not opened(ChassisReport(armed=False, landed=True)).failsafe(100 * S)
 
 
-def test_a_chassis_that_does_not_report_is_lost_and_a_report_of_an_ended_one_does_not_count() -> None:
+def test_silent_chassis_is_lost_despite_ended_report() -> None:
     core = opened()
     core.on_report(ARMED, 10 * S - SILENT_NS - 1)
     assert core.report is None
@@ -109,7 +109,7 @@ def test_a_chassis_that_does_not_report_is_lost_and_a_report_of_an_ended_one_doe
     assert not core.silent(12 * S + SILENT_NS)
 
 
-def test_an_opened_chassis_has_neither_orders_nor_set_points_of_before() -> None:
+def test_opened_chassis_has_no_former_orders() -> None:
     core = opened(ARMED)
     core.on_order(ARM, 10 * S)
     core.on_setpoint(Setpoint(1.0), 10 * S)

@@ -35,7 +35,7 @@ def stat(folder: Path, *ticks: int) -> None:
         ((125, 0, 0, 175), 25.0),
     ],
 )
-def test_use_of_the_processors_is_all_but_idle_and_waiting(
+def test_processor_use_excludes_idle_and_waiting(
     tmp_path: Path, ticks: tuple[int, ...], expected: float
 ) -> None:
     stat(tmp_path, 100, 0, 0, 100, 0, 0, 0, 0, 0, 0)
@@ -45,7 +45,7 @@ def test_use_of_the_processors_is_all_but_idle_and_waiting(
     assert use.percent() == 0.0  # within the same tick
 
 
-def test_memory_in_use_is_what_a_new_process_could_not_have(tmp_path: Path) -> None:
+def test_used_memory_is_what_processes_cannot_get(tmp_path: Path) -> None:
     (tmp_path / "meminfo").write_text("MemTotal:  4000 kB\nMemFree:  100 kB\nMemAvailable:   1000 kB\n")
     assert memory_used_ratio(tmp_path) == 0.75
 
@@ -60,7 +60,7 @@ def sensor(path: Path, text: str) -> None:
     path.write_text(text)
 
 
-def test_the_hottest_sensor_counts_and_one_without_a_number_does_not(tmp_path: Path) -> None:
+def test_hottest_sensor_counts_and_unnumbered_is_ignored(tmp_path: Path) -> None:
     assert temperature_degc(tmp_path) is None
     sensor(tmp_path / "class/thermal/thermal_zone0/temp", "71250\n")
     assert temperature_degc(tmp_path) == 71.2

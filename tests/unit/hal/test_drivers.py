@@ -21,7 +21,7 @@ def names(config: Config, site: Site) -> list[str]:
     return [driver.name for driver in make_all(config, site)]
 
 
-def test_a_vehicle_has_its_simulated_devices_and_its_computer() -> None:
+def test_vehicle_has_its_simulated_devices_and_its_computer() -> None:
     devices = ["sim.gnss", "sim.range", "sim.battery", "sim.imu", "sim.chassis"]
     assert names(Config(), UGV) == [*devices, "system"]
     assert names(Config(), UAV) == [*devices, "sim.sonar", "system"]
@@ -46,7 +46,7 @@ def test_periods_are_those_of_the_devices() -> None:
     }
 
 
-def test_an_unknown_driver_is_named_with_the_known_ones() -> None:
+def test_unknown_driver_is_named_with_known_ones() -> None:
     with pytest.raises(
         NotFound,
         match=r"'lidar': not installed; expected one of adc, bmp280, .*, system, vectornav, vesc",
@@ -69,7 +69,7 @@ class Wheels(Chassis):
         raise OSError("unplugged")
 
 
-def test_two_chassis_on_one_platform_are_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_second_chassis_on_platform_is_refused_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
     find("sim")  # the module must be loaded to be replaced
     monkeypatch.setattr(
         "swarmd.hal.drivers.system.make", lambda config, site: [Wheels("wheels", config.chassis)]
@@ -78,7 +78,7 @@ def test_two_chassis_on_one_platform_are_refused_by_name(monkeypatch: pytest.Mon
         make_all(Config(), UGV)
 
 
-def test_a_driver_that_was_written_for_an_earlier_version_is_a_sensor() -> None:
+def test_driver_of_earlier_version_is_sensor() -> None:
     assert Driver is Sensor
 
 
@@ -88,13 +88,13 @@ class Sonar(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rate_hz: float = 5.0
 
 
-def test_a_driver_of_another_package_has_a_table_of_its_own() -> None:
+def test_driver_of_another_package_has_own_table() -> None:
     config = parse("[plugins.sonar]\nrate_hz = 2.0\n", Config, "hal.toml")
     assert config.plugin("sonar", Sonar) == Sonar(2.0)
     assert Config().plugin("sonar", Sonar) == Sonar(5.0)
 
 
-def test_a_wrong_key_in_the_table_of_a_driver_is_named_with_its_place() -> None:
+def test_invalid_driver_key_is_named_with_place() -> None:
     config = parse("[plugins.sonar]\nrate = 2.0\n", Config, "hal.toml")
     with pytest.raises(ConfigError, match=r"services/hal.toml: table plugins.sonar: key rate: unknown"):
         config.plugin("sonar", Sonar)

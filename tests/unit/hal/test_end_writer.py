@@ -54,7 +54,7 @@ def driver(folder: Path) -> Iterator[tuple[subprocess.Popen[str], psutil.Process
             watcher.wait(60.0) if watcher.is_running() else None
 
 
-def test_the_outputs_of_a_killed_driver_take_their_safe_widths_without_it(tmp_path: Path) -> None:
+def test_outputs_of_killed_driver_become_safe(tmp_path: Path) -> None:
     folder = chip(tmp_path)
     with driver(folder) as (process, watcher):
         assert (number(folder / "pwm0", "duty_cycle"), number(folder / "pwm1", "enable")) == (1_800_000, 1)
@@ -68,7 +68,7 @@ def test_the_outputs_of_a_killed_driver_take_their_safe_widths_without_it(tmp_pa
         assert (number(folder / "pwm1", "duty_cycle"), number(folder / "pwm1", "enable")) == (0, 0)
 
 
-def test_a_driver_that_ends_in_order_takes_the_process_along(tmp_path: Path) -> None:
+def test_driver_that_ends_in_order_takes_process_along(tmp_path: Path) -> None:
     folder = chip(tmp_path)
     with driver(folder) as (process, watcher):
         assert process.stdin is not None
@@ -100,20 +100,20 @@ def test_a_process_that_something_ended_is_started_again(
     assert number(folder / "pwm0", "duty_cycle") == 1_000_000
 
 
-def test_one_that_ends_at_its_start_is_an_error_and_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_writer_ending_at_start_is_error(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "executable", "/bin/false")
     with no_leaks(), pytest.raises(DeviceError, match="ended at its start"):
         EndWriter([], LONG_S)
 
 
-def test_a_file_that_is_gone_does_not_keep_the_others_from_their_values(tmp_path: Path) -> None:
+def test_missing_file_leaves_others_their_values(tmp_path: Path) -> None:
     (tmp_path / "there").write_text("7")
     writer = EndWriter([(str(tmp_path / "no" / "file"), "1"), (str(tmp_path / "there"), "2")], LONG_S)
     writer.close()
     assert (tmp_path / "there").read_text() == "2"
 
 
-def test_an_output_that_was_unplugged_is_not_made_as_a_file(tmp_path: Path) -> None:
+def test_unplugged_output_is_not_created_as_file(tmp_path: Path) -> None:
     gone = tmp_path / "duty_cycle"
     gone.write_text("1500000")
     writer = EndWriter([(str(gone), "1000000")], LONG_S)
@@ -128,7 +128,7 @@ def until(path: Path, wanted: str) -> None:
         assert time.monotonic() < end_s, path.read_text()
 
 
-def test_the_outputs_of_a_driver_that_hangs_take_their_safe_widths_until_it_is_back(tmp_path: Path) -> None:
+def test_outputs_of_hanging_driver_are_safe_until_return(tmp_path: Path) -> None:
     duty = tmp_path / "duty_cycle"
     duty.write_text("1500")
     writer = EndWriter([(str(duty), "1000")], HELD_S, HELD_S)
@@ -146,7 +146,7 @@ def test_the_outputs_of_a_driver_that_hangs_take_their_safe_widths_until_it_is_b
     writer.close()
 
 
-def test_the_outputs_of_a_killed_driver_are_held_and_then_safe(tmp_path: Path) -> None:
+def test_outputs_of_killed_driver_hold_then_become_safe(tmp_path: Path) -> None:
     duty = tmp_path / "duty_cycle"
     duty.write_text("1500")
     writer = EndWriter([(str(duty), "1000")], HELD_S, HELD_S)
@@ -158,7 +158,7 @@ def test_the_outputs_of_a_killed_driver_are_held_and_then_safe(tmp_path: Path) -
     writer.close()
 
 
-def test_outputs_that_another_driver_has_taken_over_are_left_to_it(tmp_path: Path) -> None:
+def test_outputs_of_successor_driver_are_left_alone(tmp_path: Path) -> None:
     duty = tmp_path / "duty_cycle"
     duty.write_text("1500")
     writer = EndWriter([(str(duty), "1000")], 5.0, 5.0)

@@ -24,7 +24,7 @@ GNSS = RecognitionRule(path="/dev/ttyUSB*", usb="1546:01A8", driver="nmea", sett
 ANY = RecognitionRule(path="/dev/ttyUSB*", driver="anemometer")
 
 
-def test_the_first_rule_that_fits_decides_and_a_device_is_recognised_once() -> None:
+def test_first_matching_rule_decides_and_recognises_once() -> None:
     recognition = Recognition((GNSS, ANY))
     receiver = DeviceNode("/dev/ttyUSB1", "1546:01a8")
     other = DeviceNode("/dev/ttyUSB0", "0403:6001")
@@ -37,7 +37,7 @@ def test_the_first_rule_that_fits_decides_and_a_device_is_recognised_once() -> N
     assert recognition.on_nodes([receiver, other]) == []
 
 
-def test_the_driver_gets_its_device_and_the_settings_of_the_rule() -> None:
+def test_driver_gets_its_device_and_settings_of_rule() -> None:
     config = configured(Config(), Recognised(DeviceNode("/dev/ttyUSB1"), GNSS))
     assert (config.nmea.device, config.nmea.baud, config.nmea.path) == ("/dev/ttyUSB1", 38400, "sensor/gnss")
     config = Config(plugins={"anemometer": {"rate_hz": 2.0}})
@@ -45,7 +45,7 @@ def test_the_driver_gets_its_device_and_the_settings_of_the_rule() -> None:
     assert plugin.plugins["anemometer"] == {"rate_hz": 2.0, "device": "/dev/ttyUSB0"}
 
 
-def test_a_wrong_setting_of_a_rule_is_named_with_its_place() -> None:
+def test_invalid_rule_setting_is_named_with_place() -> None:
     rule = RecognitionRule(path="/dev/ttyUSB*", driver="nmea", settings={"bauds": 1})
     with pytest.raises(ConfigError, match=r"rule for /dev/ttyUSB\*: .*bauds"):
         configured(Config(), Recognised(DeviceNode("/dev/ttyUSB1"), rule))
@@ -59,7 +59,7 @@ def test_a_rule_that_cannot_fit_is_refused(key: str) -> None:
         parse(f'[[recognise]]\ndriver = "nmea"\n{key}\n', Config, "hal.toml")
 
 
-def test_the_usb_number_of_a_device_file_is_that_of_its_next_parent(tmp_path: Path) -> None:
+def test_usb_number_comes_from_next_parent(tmp_path: Path) -> None:
     usb = tmp_path / "devices/usb1/1-2"
     port = usb / "1-2:1.0/ttyUSB0"
     port.mkdir(parents=True)
@@ -76,7 +76,7 @@ def test_the_usb_number_of_a_device_file_is_that_of_its_next_parent(tmp_path: Pa
     ]
 
 
-async def test_a_receiver_publishes_when_it_is_plugged_in_and_plugged_in_again(
+async def test_receiver_publishes_at_each_plugging(
     tmp_path: Path,
 ) -> None:
     folder = tmp_path / "dev"
@@ -99,7 +99,7 @@ async def test_a_receiver_publishes_when_it_is_plugged_in_and_plugged_in_again(
             await status(board, "nmea.gnss0", state="waiting")
 
 
-async def test_a_folder_of_devices_that_appears_later_is_watched_and_again_after_it_was_removed(
+async def test_late_or_recreated_device_folder_is_watched(
     tmp_path: Path,
 ) -> None:
     folder = tmp_path / "dev/serial/by-id"
@@ -119,7 +119,7 @@ async def test_a_folder_of_devices_that_appears_later_is_watched_and_again_after
             await status(board, "nmea.gnss0", state="waiting")
 
 
-def test_a_link_to_a_device_file_has_the_usb_number_of_its_target(tmp_path: Path) -> None:
+def test_link_has_usb_number_of_its_target(tmp_path: Path) -> None:
     usb = tmp_path / "devices/usb1/1-2"
     usb.mkdir(parents=True)
     (usb / "idVendor").write_text("1546\n")
@@ -133,7 +133,7 @@ def test_a_link_to_a_device_file_has_the_usb_number_of_its_target(tmp_path: Path
     assert list(nodes([f"{tmp_path}/by-id/*"], tmp_path)) == [DeviceNode(str(link), "1546:01a8")]
 
 
-async def test_a_device_without_an_installed_driver_is_a_fault_and_ends_nothing(tmp_path: Path) -> None:
+async def test_device_without_driver_is_fault_and_harmless(tmp_path: Path) -> None:
     folder = tmp_path / "dev"
     folder.mkdir()
     rule = RecognitionRule(path=f"{folder}/*", driver="nothing")

@@ -58,7 +58,7 @@ def test_the_bias_of_the_gyro_is_subtracted() -> None:
 
 
 @pytest.mark.parametrize(("roll", "pitch"), [(0.1, 0.0), (0.0, -0.2), (-0.15, 0.25)])
-def test_a_unit_that_is_mounted_obliquely_measures_as_if_it_were_level(roll: float, pitch: float) -> None:
+def test_oblique_unit_measures_as_if_level(roll: float, pitch: float) -> None:
     found = level(samples(force=seen(roll, pitch)), NONE)
     assert (found.roll_rad, found.pitch_rad) == pytest.approx((roll, pitch), abs=0.005)
     turn = to_body(matrix(from_euler(roll, pitch, 0.0)), (0.3, 0.0, 0.0))
@@ -68,7 +68,7 @@ def test_a_unit_that_is_mounted_obliquely_measures_as_if_it_were_level(roll: flo
     assert (right.roll_rad, right.pitch_rad, right.yaw_rad) == pytest.approx((0.0, 0.0, 1.0), abs=0.005)
 
 
-def test_offset_and_scale_follow_from_gravity_in_six_attitudes() -> None:
+def test_gravity_in_six_attitudes_gives_offset_and_scale() -> None:
     offset, scale = (0.3, -0.2, 0.5), (1.02, 0.97, 1.0)
     faces = AccelerometerFaces()
     for axis, sign in FACES:
@@ -93,7 +93,7 @@ def test_the_heading_is_turned_to_the_true_one(measured: float, true: float) -> 
     assert math.remainder(right.yaw_rad - true, math.tau) == pytest.approx(0.0, abs=0.05)
 
 
-def test_a_correction_keeps_the_others_and_none_at_all_changes_nothing() -> None:
+def test_correction_keeps_others_and_empty_changes_nothing() -> None:
     first = gyro(samples((0.02, 0.0, 0.0)), NONE)
     both = level(samples((0.02, 0.0, 0.0), seen(0.1, 0.0)), first)
     assert both.gyro_bias_rad_s == first.gyro_bias_rad_s
@@ -123,7 +123,7 @@ def test_what_cannot_be_a_calibration_is_refused(taken: object, expected: str) -
         taken()
 
 
-def test_an_accelerometer_that_is_wrong_by_a_tenth_is_refused() -> None:
+def test_accelerometer_off_by_tenth_is_refused() -> None:
     faces = AccelerometerFaces()
     for axis, sign in FACES:
         force = [0.0, 0.0, 0.0]

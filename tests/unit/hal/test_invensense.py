@@ -38,7 +38,7 @@ def unit(chip_id: int = 0x12) -> InertialChip:
     return chip
 
 
-def test_values_are_in_si_units_and_in_the_body_frame() -> None:
+def test_values_are_si_in_body_frame() -> None:
     found = measurement(RAW, UPRIGHT)
     assert (found.ax_m_s2, found.ay_m_s2) == (9.80665, 0.0)
     assert found.az_m_s2 == pytest.approx(-9.80665 / 2)
@@ -55,7 +55,7 @@ def test_a_silent_chip_gives_no_measurement(silent: bytes) -> None:
 
 
 @given(st.binary(min_size=14, max_size=14))
-def test_any_bytes_are_within_the_range_of_the_chip_or_refused(data: bytes) -> None:
+def test_any_bytes_are_in_range_or_refused(data: bytes) -> None:
     try:
         found = measurement(data, UPRIGHT)
     except WireError:
@@ -64,7 +64,7 @@ def test_any_bytes_are_within_the_range_of_the_chip_or_refused(data: bytes) -> N
     assert abs(found.wz_rad_s) <= math.radians(2000)
 
 
-def test_axes_of_a_mirror_or_of_one_line_are_refused() -> None:
+def test_mirrored_or_collinear_axes_are_refused() -> None:
     assert is_right_handed(UPRIGHT)
     assert is_right_handed(("x", "-y", "-z"))
     assert not is_right_handed(("y", "x", "z"))
@@ -73,9 +73,7 @@ def test_axes_of_a_mirror_or_of_one_line_are_refused() -> None:
 
 
 @pytest.mark.parametrize(("bus", "chip_id"), [("spi", 0x12), ("i2c", 0x68)])
-async def test_a_unit_is_woken_read_and_woken_again_after_it_fell_asleep(
-    tmp_path: Path, bus: str, chip_id: int
-) -> None:
+async def test_sleeping_unit_is_woken_and_read_again(tmp_path: Path, bus: str, chip_id: int) -> None:
     with simulated_kernel(tmp_path) as kernel:
         chip = unit(chip_id)
         device = kernel.plug("bus", chip)
@@ -91,7 +89,7 @@ async def test_a_unit_is_woken_read_and_woken_again_after_it_fell_asleep(
             await values.changed(20.0)
 
 
-async def test_a_chip_that_is_another_or_not_writable_is_named(tmp_path: Path) -> None:
+async def test_foreign_or_unwritable_chip_is_named(tmp_path: Path) -> None:
     class Locked(InertialChip):
         def write(self, register: int, data: bytes) -> None:
             """A chip that ignores all writes."""

@@ -34,7 +34,7 @@ def loads(config: Config) -> dict[str, LineLoad]:
     return {load.device: load for load in line_loads(uses, config.line_bit_s)}
 
 
-def test_the_bits_of_each_kind_of_line_are_those_of_its_frames() -> None:
+def test_bits_per_line_match_its_frames() -> None:
     assert serial_use("/dev/ttyS0", 9600, 100.0).bit_s == 1000.0
     assert register_use("i2c", I2C, 0, (1, 6), 10.0).bit_s == (4 + 9) * 9 * 10.0
     assert register_use("spi", "/dev/spidev0.0", 1_000_000, (14,), 100.0).bit_s == 15 * 8 * 100.0
@@ -42,7 +42,7 @@ def test_the_bits_of_each_kind_of_line_are_those_of_its_frames() -> None:
     assert can_use("can0", [(8, 1.0)]).bit_s == 160.0
 
 
-def test_drivers_share_a_bus_and_their_loads_add_up() -> None:
+def test_drivers_share_bus_and_their_loads_add_up() -> None:
     config = Config(
         drivers=("bmp280", "invensense", "vesc"),
         bmp280=Bmp280Driver(rate_hz=20.0),
@@ -64,7 +64,7 @@ def test_drivers_share_a_bus_and_their_loads_add_up() -> None:
     assert not is_over(loads(quick)[I2C])
 
 
-def test_a_serial_line_of_two_drivers_is_refused_with_both() -> None:
+def test_shared_serial_line_is_refused_with_both_drivers() -> None:
     both = Config(
         drivers=("nmea", "sonar"),
         nmea=NmeaDriver(device="/dev/ttyS1"),
@@ -83,7 +83,7 @@ def test_a_capacity_that_no_line_has_is_refused() -> None:
         parse('line_bit_s = { "/dev/i2c-1" = 0.0 }', Config, "hal.toml")
 
 
-async def test_a_line_that_is_asked_too_much_is_a_fault_and_in_the_table_of_drivers(tmp_path: Path) -> None:
+async def test_overloaded_line_is_fault_and_in_table(tmp_path: Path) -> None:
     device = Counter("imu", 50.0)
     device.line_uses = (LineUse(I2C, 90_000.0, 100_000.0, shared=True),)
     async with running(tmp_path, [device], Config(drivers=(), report_hz=50.0)) as other:

@@ -10,7 +10,7 @@ from swarmd.hal.core.packet_clock import PacketClock
 S = 1_000_000_000
 
 
-def test_in_ten_minutes_there_are_exactly_so_many_packets() -> None:
+def test_ten_minutes_hold_exact_number_of_packets() -> None:
     clock = PacketClock(753.0, 1000, 0, loop=True)
     chance = random.Random(1)
     now_ns, count = 0, 0
@@ -22,7 +22,7 @@ def test_in_ten_minutes_there_are_exactly_so_many_packets() -> None:
 
 
 @given(st.floats(0.5, 5000), st.lists(st.integers(1, 900_000_000), max_size=30))
-def test_stamps_lie_on_the_grid_of_the_rate_and_never_in_the_future(rate: float, steps: list[int]) -> None:
+def test_stamps_lie_on_rate_grid_before_now(rate: float, steps: list[int]) -> None:
     clock = PacketClock(rate, 7, 5, loop=True)
     now_ns, k = 5, 0
     for step in steps:
@@ -45,7 +45,7 @@ def test_a_looped_one_begins_again() -> None:
     assert [p.index for p in clock.due(S // 2)] == [0, 1, 2, 0, 1]
 
 
-def test_after_a_long_stall_it_goes_on_where_the_device_would_be() -> None:
+def test_clock_continues_with_device_after_stall() -> None:
     clock = PacketClock(100.0, 1000, 0, loop=True)
     list(clock.due(0))
     packets = list(clock.due(10 * S))
@@ -54,6 +54,6 @@ def test_after_a_long_stall_it_goes_on_where_the_device_would_be() -> None:
     assert clock.lost == 900
 
 
-def test_a_slow_recording_is_never_skipped_by_a_regular_call() -> None:
+def test_slow_recording_is_never_skipped_by_regular_call() -> None:
     clock = PacketClock(0.5, 3, 0, loop=True)
     assert [p.index for t in range(7) for p in clock.due(t * S)] == [0, 1, 2, 0]

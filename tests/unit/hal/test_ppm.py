@@ -65,7 +65,7 @@ def test_another_signal_is_refused_by_its_reason(positions: tuple[float, ...], r
     assert len(fed(decoder, good)) == 1
 
 
-def test_after_lost_edges_the_next_pause_is_waited_for() -> None:
+def test_lost_edges_wait_for_next_pause() -> None:
     decoder = PpmDecoder()
     fed(decoder, edges(0.0, 0.0)[:-1])
     decoder.on_lost()
@@ -134,7 +134,7 @@ async def sent(made: Chip, other: Module, switch: float) -> None:
         await pace.changed(20.0)
 
 
-async def test_switch_and_sticks_are_those_of_the_transmitter_and_a_lost_line_is_waited_for(
+async def test_switch_and_sticks_follow_transmitter_and_line(
     tmp_path: Path,
 ) -> None:
     with chip(tmp_path) as made:

@@ -8,7 +8,7 @@ import pytest
 from swarmd.hal.precise_timer import PreciseTimer
 
 
-async def test_it_returns_not_before_its_instant_also_when_that_has_passed() -> None:
+async def test_timer_returns_at_or_after_its_instant() -> None:
     timer = PreciseTimer()
     try:
         for ahead_ns in (1_300_000, 10_000, 0, -5_000_000_000, 2_000_001):
@@ -20,7 +20,7 @@ async def test_it_returns_not_before_its_instant_also_when_that_has_passed() -> 
         timer.close()
 
 
-async def test_a_wait_that_was_cancelled_does_not_end_the_next_one() -> None:
+async def test_cancelled_wait_does_not_end_next() -> None:
     timer = PreciseTimer()
     try:
         with pytest.raises(TimeoutError):

@@ -93,7 +93,7 @@ async def rig(root: Path) -> AsyncIterator[Rig]:
             await one.close()
 
 
-async def test_the_motors_stand_until_the_vehicle_is_armed_then_turn_and_lift_it(tmp_path: Path) -> None:
+async def test_motors_stand_until_armed_then_lift_vehicle(tmp_path: Path) -> None:
     async with rig(tmp_path) as r:
         assert r.widths_us == STOP
         assert [number(r.folder / f"pwm{index}", "period") for index in range(4)] == [2_500_000] * 4
@@ -111,14 +111,14 @@ async def test_the_motors_stand_until_the_vehicle_is_armed_then_turn_and_lift_it
         assert r.widths_us == STOP
 
 
-async def test_a_kill_stops_the_motors_before_the_next_sample(tmp_path: Path) -> None:
+async def test_kill_stops_motors_before_next_sample(tmp_path: Path) -> None:
     async with rig(tmp_path) as r:
         await r.arm()
         assert not (await r.driver.execute(ChassisAction.KILL)).armed
         await r.until_stopped()
 
 
-async def test_without_inertial_samples_the_motors_stop_and_the_vehicle_is_disarmed(tmp_path: Path) -> None:
+async def test_motors_stop_and_disarm_without_inertial_samples(tmp_path: Path) -> None:
     async with rig(tmp_path) as r:
         await r.arm()
         now_ns = r.module.now_ns()
@@ -130,7 +130,7 @@ async def test_without_inertial_samples_the_motors_stop_and_the_vehicle_is_disar
         assert not r.armed
 
 
-async def test_the_motors_stop_when_the_event_loop_hangs_and_when_the_driver_ends(tmp_path: Path) -> None:
+async def test_motors_stop_when_loop_hangs_or_driver_ends(tmp_path: Path) -> None:
     async with rig(tmp_path) as r:
         await r.arm()
         r.spin_until_stopped()  # nothing else runs on this loop meanwhile
@@ -150,7 +150,7 @@ async def fly(r: Rig) -> None:
     assert min(r.widths_us) > IDLE[0]
 
 
-async def test_a_driver_that_is_opened_in_flight_holds_the_pulses_and_continues(tmp_path: Path) -> None:
+async def test_driver_opened_in_flight_continues_pulses(tmp_path: Path) -> None:
     async with rig(tmp_path) as r:
         await fly(r)
         held = r.widths_us
@@ -170,7 +170,7 @@ async def test_a_driver_that_is_opened_in_flight_holds_the_pulses_and_continues(
             await again.close()
 
 
-async def test_a_flight_that_nobody_continues_ends_with_the_motors_stopped(tmp_path: Path) -> None:
+async def test_abandoned_flight_ends_with_motors_stopped(tmp_path: Path) -> None:
     async with rig(tmp_path) as r:
         await fly(r)
         held = r.widths_us
@@ -179,7 +179,7 @@ async def test_a_flight_that_nobody_continues_ends_with_the_motors_stopped(tmp_p
         await r.until_stopped()
 
 
-async def test_after_a_gap_in_which_the_motors_stopped_a_vehicle_that_does_not_fall_is_killed(
+async def test_vehicle_not_falling_after_gap_is_killed(
     tmp_path: Path,
 ) -> None:
     async with rig(tmp_path) as r:
@@ -194,7 +194,7 @@ async def test_after_a_gap_in_which_the_motors_stopped_a_vehicle_that_does_not_f
         assert "the vehicle does not fall: 9.8 m/s² on it" in loop.detail
 
 
-async def test_opened_again_it_is_disarmed_and_a_chip_that_is_missing_is_waited_for(tmp_path: Path) -> None:
+async def test_reopened_vehicle_is_disarmed_and_chip_awaited(tmp_path: Path) -> None:
     async with rig(tmp_path) as r:
         await r.arm()
         await r.driver.close()
@@ -216,7 +216,7 @@ async def test_opened_again_it_is_disarmed_and_a_chip_that_is_missing_is_waited_
         ("fixed_wing", PwmFlightDriver(), "expected an airframe that can hover"),
     ],
 )
-def test_outputs_that_do_not_fit_the_airframe_are_refused(
+def test_outputs_that_do_not_fit_airframe_are_refused(
     name: str, settings: PwmFlightDriver, expected: str
 ) -> None:
     site = Site(PlatformKind.UAV, "", load_airframe(SHARE, name) if name else None)
@@ -224,7 +224,7 @@ def test_outputs_that_do_not_fit_the_airframe_are_refused(
         make(Config(pwm_flight=settings), site)
 
 
-def test_the_widths_of_servos_are_about_their_centres_and_those_of_motors_above_their_stop() -> None:
+def test_servo_widths_are_centred_and_motor_widths_positive() -> None:
     left = ServoPulse(channel=0, center_us=1520.0, range_us=-400.0)
     assert [left.width_us(value) for value in (-2.0, 0.0, 0.5)] == [1920.0, 1520.0, 1320.0]
     motor = MotorPulse(channel=0, stop_us=1100.0, full_us=1900.0)
@@ -242,8 +242,6 @@ def test_the_widths_of_servos_are_about_their_centres_and_those_of_motors_above_
         (os.SCHED_RR | 0x40000000, "ok", "ok"),
     ],
 )
-def test_a_loop_of_real_motors_without_real_time_scheduling_has_a_warning(
-    policy: int, state: str, level: str
-) -> None:
+def test_motor_loop_without_real_time_warns(policy: int, state: str, level: str) -> None:
     found = scheduling(policy)
     assert (found.name, found.state, found.level) == ("flight/scheduling", state, level)

@@ -44,7 +44,7 @@ def log(folder: Path, platform: str = "uav7", count: int = 40, *, step_ms: int =
     return folder
 
 
-def test_entries_are_due_at_their_pace_and_after_a_long_stall_where_it_was() -> None:
+def test_entries_keep_their_pace_after_stall() -> None:
     playback = Playback(UTC, 1000 * MS, 2.0)
     assert playback.local_ns(UTC + 100 * MS) == 1050 * MS
     assert playback.is_due(UTC + 100 * MS, 1050 * MS)
@@ -63,7 +63,7 @@ def test_the_pace_is_the_speed(speed: float, passed_ns: int) -> None:
     assert playback.local_ns(UTC + passed_ns) == pytest.approx(passed_ns / speed, abs=1)
 
 
-async def test_a_log_is_published_in_order_with_the_stamps_of_its_pace(tmp_path: Path) -> None:
+async def test_log_is_published_in_order_with_stamps(tmp_path: Path) -> None:
     folder = log(tmp_path / "log")
     config = RecordingDriver(folder=str(folder), platform="uav7", speed=2.0, loop=False, wake_hz=100.0)
     driver = RecordedDevices(config)
@@ -84,7 +84,7 @@ async def test_a_log_is_published_in_order_with_the_stamps_of_its_pace(tmp_path:
         assert (await status(board, "recording", state="running")).errors == 0
 
 
-async def test_a_log_without_a_platform_is_that_of_its_first_entry_and_is_repeated(tmp_path: Path) -> None:
+async def test_log_without_platform_uses_first_and_repeats(tmp_path: Path) -> None:
     folder = log(tmp_path / "log", count=5)
     config = RecordingDriver(folder=str(folder), pattern="sensor/lidar", speed=1.0, wake_hz=100.0)
     async with running(tmp_path, [RecordedDevices(config)], FAST) as other:
@@ -98,7 +98,7 @@ async def test_a_log_without_a_platform_is_that_of_its_first_entry_and_is_repeat
         assert stamps == sorted(stamps)
 
 
-async def test_a_log_that_is_absent_or_empty_is_named_and_waited_for(tmp_path: Path) -> None:
+async def test_absent_or_empty_log_is_named_and_awaited(tmp_path: Path) -> None:
     config = RecordingDriver(folder=str(tmp_path / "log"), pattern="sensor/lidar")
     async with running(tmp_path, [RecordedDevices(config)], FAST) as other:
         board = other.reader("hal/drivers", DriverTable)
@@ -110,7 +110,7 @@ async def test_a_log_that_is_absent_or_empty_is_named_and_waited_for(tmp_path: P
         await status(board, "recording", state="running")
 
 
-async def test_a_resource_that_another_program_writes_is_a_fault_that_names_it(tmp_path: Path) -> None:
+async def test_resource_of_another_program_is_named_fault(tmp_path: Path) -> None:
     config = RecordingDriver(folder=str(tmp_path / "log"), pattern="sensor/height", wake_hz=100.0)
     async with running(tmp_path, [RecordedDevices(config)], FAST) as other:
         board = other.reader("hal/drivers", DriverTable)
@@ -121,7 +121,7 @@ async def test_a_resource_that_another_program_writes_is_a_fault_that_names_it(t
         assert "sensor.height.ring: process" in note
 
 
-async def test_an_export_of_a_log_is_replayed_and_repeated_like_its_folder(tmp_path: Path) -> None:
+async def test_exported_log_is_replayed_like_its_folder(tmp_path: Path) -> None:
     export = tmp_path / "flight.msgpack"
     with export.open("wb") as file:
         entries = FolderSource([log(tmp_path / "log", count=5)]).entries(Query(pattern="/uav7/**"))
@@ -141,7 +141,7 @@ async def test_an_export_of_a_log_is_replayed_and_repeated_like_its_folder(tmp_p
         (b"ULog\x01\x12\x35\x01", "a flight log of PX4 (ULog)"),
     ],
 )
-async def test_a_file_that_is_missing_empty_or_of_another_form_is_named(
+async def test_missing_empty_or_foreign_file_is_named(
     tmp_path: Path, content: bytes | None, expected: str
 ) -> None:
     file = tmp_path / "flight.msgpack"
@@ -154,7 +154,7 @@ async def test_a_file_that_is_missing_empty_or_of_another_form_is_named(
         assert expected in (await status(board, "recording", state=state)).note
 
 
-async def test_a_folder_of_another_program_is_a_fault_that_names_it(tmp_path: Path) -> None:
+async def test_folder_of_another_program_is_named_fault(tmp_path: Path) -> None:
     (tmp_path / "bag").mkdir()
     (tmp_path / "bag" / "metadata.yaml").write_text("rosbag2_bagfile_information:\n  version: 5\n")
     driver = RecordedDevices(RecordingDriver(folder=str(tmp_path / "bag")))

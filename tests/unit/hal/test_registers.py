@@ -26,14 +26,14 @@ def test_registers_are_written_and_read_back(tmp_path: Path, bus: str) -> None:
         registers.close()
 
 
-def test_an_spi_device_is_opened_with_its_mode_and_clock(tmp_path: Path) -> None:
+def test_spi_device_opens_with_mode_and_clock(tmp_path: Path) -> None:
     with simulated_kernel(tmp_path) as kernel:
         SpiBus(kernel.plug("spidev0.0", Chip()), 500_000, mode=3).close()
         assert list(kernel.settings.values()) == [3, 8, 500_000]
         assert kernel.settings.keys() == SPI_SETTINGS.keys()
 
 
-def test_a_device_that_does_not_acknowledge_is_named_with_its_address(tmp_path: Path) -> None:
+def test_unacknowledging_device_is_named_with_address(tmp_path: Path) -> None:
     with simulated_kernel(tmp_path) as kernel:
         bus = I2cBus(kernel.plug("i2c-1", Chip(0x76)), 0x77)
         with pytest.raises(DeviceError, match=r"i2c-1 address 0x77: the device does not answer") as caught:
@@ -53,7 +53,7 @@ def test_a_bus_that_was_unplugged_is_gone(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("bus", ["i2c", "spi"])
-def test_a_file_that_is_absent_or_another_is_named(tmp_path: Path, bus: str) -> None:
+def test_file_that_is_absent_or_another_is_named(tmp_path: Path, bus: str) -> None:
     with pytest.raises(DeviceGone, match=r"nothing: no such device"):
         open_registers(bus, str(tmp_path / "nothing"), 0x68, 1000)  # type: ignore[arg-type]
     file = tmp_path / "file"
@@ -86,6 +86,6 @@ def test_why_a_bus_was_not_opened_is_stated(code: int, cls: type[DeviceError], t
     assert text in str(found)
 
 
-def test_an_error_of_a_transfer_keeps_the_words_of_the_kernel() -> None:
+def test_error_of_transfer_keeps_words_of_kernel() -> None:
     found = transfer_error("/dev/spidev0.0", OSError(errno.EIO, os.strerror(errno.EIO)))
     assert str(found) == "/dev/spidev0.0: Input/output error"

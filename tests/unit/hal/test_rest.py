@@ -25,7 +25,7 @@ FAST = ("sim.imu", "sim.sonar")
         (None, 0.05),
     ],
 )
-async def test_devices_are_read_faster_as_soon_as_the_vehicle_may_move(
+async def test_devices_are_read_faster_before_motion(
     tmp_path: Path, state: VehicleState | None, period_s: float
 ) -> None:
     async with tmp_node(tmp_path, platform="uav1") as node, Module("hal", node=node) as module:
@@ -47,7 +47,7 @@ async def test_devices_are_read_faster_as_soon_as_the_vehicle_may_move(
             await driver.close()
 
 
-async def test_a_value_that_is_later_than_its_driver_is_taken_in_the_same_period(tmp_path: Path) -> None:
+async def test_value_later_than_driver_joins_same_period(tmp_path: Path) -> None:
     async with tmp_node(tmp_path, platform="uav1") as node, Module("hal", node=node) as module:
         simulated = module.writer("sim/sensors/imu", Imu)
         (driver,) = [one for one in make(Config(), Site(PlatformKind.UAV, "")) if one.name == "sim.imu"]

@@ -32,7 +32,7 @@ def moved(pilot: SafetyPilot, switch: float) -> VehicleMode | None:
     return found.switch
 
 
-def test_the_switch_moves_only_when_frames_in_a_row_agree() -> None:
+def test_switch_moves_only_when_frames_in_row_agree() -> None:
     pilot = SafetyPilot(CrsfDriver())
     assert moved(pilot, 0.0) is None, "between both ends it is not known"
     assert moved(pilot, -1.0) is AUTO
@@ -45,7 +45,7 @@ def test_the_switch_moves_only_when_frames_in_a_row_agree() -> None:
     assert moved(pilot, 0.1) is MANUAL
 
 
-def test_the_sticks_are_velocities_in_the_body_frame_with_a_dead_band() -> None:
+def test_sticks_are_body_velocities_with_dead_band() -> None:
     pilot = SafetyPilot(CrsfDriver(speed_m_s=2.0, climb_m_s=1.0, turn_rad_s=0.5))
     moved(pilot, 1.0)
     found = pilot.on_channels(channels(1.0, 1.0, -1.0, 0.525, 0.04))
@@ -58,7 +58,7 @@ def test_the_sticks_are_velocities_in_the_body_frame_with_a_dead_band() -> None:
     assert found.sticks == Setpoint(0.0, 0.0, 0.0, -0.5)
 
 
-def test_a_lost_transmitter_moves_nothing_and_the_switch_keeps_its_position() -> None:
+def test_lost_transmitter_moves_nothing_and_keeps_switch() -> None:
     pilot = SafetyPilot(CrsfDriver())
     moved(pilot, 1.0)
     pilot.on_link(0.0)
@@ -82,7 +82,7 @@ def test_any_sticks_are_within_the_limits(frames: list[list[float]]) -> None:
             assert abs(found.sticks.wz_rad_s) <= config.turn_rad_s
 
 
-async def test_switch_and_sticks_are_published_and_garbage_or_silence_is_named(tmp_path: Path) -> None:
+async def test_sticks_are_published_and_garbage_is_named(tmp_path: Path) -> None:
     line = PseudoTerminal(tmp_path / "rc", lambda data: None)
     config = Config(drivers=(), retry_s=0.05, report_hz=50.0, failures=1)
     driver = CrsfReceiver(CrsfDriver(device=str(tmp_path / "rc"), rate_hz=50.0))

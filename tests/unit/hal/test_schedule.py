@@ -19,7 +19,7 @@ def test_reads_are_due_at_absolute_instants() -> None:
     assert schedule.due_ns == 500 * MS
 
 
-def test_periods_that_were_slept_through_are_counted_and_not_made_up_for() -> None:
+def test_missed_periods_are_counted_not_made_up() -> None:
     schedule = Schedule("imu", 0.02, 0)
     schedule.opened(0)
     schedule.begin(0)
@@ -29,7 +29,7 @@ def test_periods_that_were_slept_through_are_counted_and_not_made_up_for() -> No
     assert schedule.due_ns == 120 * MS
 
 
-def test_devices_that_are_opened_at_different_instants_are_read_together() -> None:
+def test_devices_opened_apart_are_read_together() -> None:
     for phase_ms in (0, 4):
         for opened_ms in (5, 41, 77):
             schedule = Schedule(f"at {opened_ms}", 0.1, 0, phase_ms * MS)
@@ -41,7 +41,7 @@ def test_devices_that_are_opened_at_different_instants_are_read_together() -> No
             assert schedule.due_ns == (200 + phase_ms) * MS
 
 
-def test_a_report_tells_rate_and_worst_lateness_since_the_last_one() -> None:
+def test_report_has_rate_and_worst_lateness() -> None:
     schedule = Schedule("gnss", 0.1, 0)
     schedule.opened(0)
     for i in range(10):
@@ -53,7 +53,7 @@ def test_a_report_tells_rate_and_worst_lateness_since_the_last_one() -> None:
     assert (second.real_hz, second.worst_late_ms, second.reads) == (0.0, 0.0, 10)
 
 
-def test_failures_in_a_row_are_counted_until_one_read_works() -> None:
+def test_failures_are_counted_until_successful_read() -> None:
     schedule = Schedule("gps", 0.1, 0)
     schedule.opened(0)
     assert [schedule.failed("no answer") for _ in range(3)] == [1, 2, 3]
@@ -72,7 +72,7 @@ def test_the_state_is_that_of_the_device() -> None:
     assert (status.state, status.note) == ("failed", "unplugged")
 
 
-def test_a_changed_period_begins_at_the_next_of_its_instants() -> None:
+def test_changed_period_begins_at_next_of_its_instants() -> None:
     for phase_ms in (0, 4):
         schedule = Schedule("imu", 0.05, 0, phase_ms * MS)
         schedule.opened(phase_ms * MS)
@@ -89,7 +89,7 @@ def test_a_changed_period_begins_at_the_next_of_its_instants() -> None:
         assert schedule.report(300 * MS).asked_hz == 20.0
 
 
-def test_a_fail_safe_that_passes_is_a_warning_and_one_that_lasts_an_error() -> None:
+def test_passing_fail_safe_warns_and_lasting_errs() -> None:
     schedule = Schedule("sim.chassis", 0.05, 0, actuator=True)
     schedule.opened(0)
     assert schedule.safe("", 0) is None
@@ -102,7 +102,7 @@ def test_a_fail_safe_that_passes_is_a_warning_and_one_that_lasts_an_error() -> N
     assert schedule.safe("no set-point", 9000 * MS) == "warn", "its time begins again"
 
 
-def test_a_fail_safe_ends_with_a_device_that_was_opened_again() -> None:
+def test_fail_safe_ends_with_reopened_device() -> None:
     schedule = Schedule("sim.chassis", 0.05, 0, actuator=True)
     schedule.opened(0)
     schedule.safe("no set-point", 0)

@@ -86,7 +86,7 @@ async def until_rate(other: Module, wanted: float) -> None:
             pass
 
 
-async def test_a_bias_is_found_and_subtracted_also_after_a_restart_until_it_is_reset(tmp_path: Path) -> None:
+async def test_bias_is_subtracted_after_restart_until_reset(tmp_path: Path) -> None:
     async with measuring(tmp_path, [BIASED]) as other:
         async with serving(other.node):
             await until_rate(other, 0.02)
@@ -101,7 +101,7 @@ async def test_a_bias_is_found_and_subtracted_also_after_a_restart_until_it_is_r
             await until_rate(other, 0.02)
 
 
-async def test_the_accelerometer_takes_six_requests_and_states_what_is_missing(tmp_path: Path) -> None:
+async def test_accelerometer_takes_six_requests_and_lists_missing(tmp_path: Path) -> None:
     sample = [BIASED]
     async with calibrating(tmp_path, sample) as other:
         left = set(FACES.values())
@@ -123,7 +123,7 @@ async def until_force(other: Module, force: list[float]) -> None:
             pass
 
 
-async def test_a_vehicle_that_is_armed_misnamed_or_calibrated_already_refuses(tmp_path: Path) -> None:
+async def test_armed_misnamed_or_busy_vehicle_refuses_calibration(tmp_path: Path) -> None:
     async with calibrating(tmp_path, [BIASED]) as other:
         await until_rate(other, 0.02)
         vehicle = other.writer("vehicle/state", VehicleState)

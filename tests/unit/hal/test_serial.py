@@ -39,7 +39,7 @@ ZDA = b"$GPZDA,201530.00,04,07,2002,00,00*60\r\n"
 RETRY = {"drivers": (), "retry_s": 0.05, "report_hz": 50.0, "failures": 2}
 
 
-async def test_a_vehicle_with_a_serial_chassis_is_armed_driven_and_killed_without_a_simulation(
+async def test_serial_chassis_is_armed_driven_and_killed(
     tmp_path: Path,
 ) -> None:
     firmware = ChassisFirmware(tmp_path / "tty")
@@ -73,7 +73,7 @@ async def test_a_vehicle_with_a_serial_chassis_is_armed_driven_and_killed_withou
         firmware.unplug()
 
 
-async def test_gains_of_the_configuration_and_of_requests_are_sent_again_to_a_chassis_that_returns(
+async def test_gains_are_sent_again_to_returning_chassis(
     tmp_path: Path,
 ) -> None:
     firmware = ChassisFirmware(tmp_path / "tty")
@@ -105,7 +105,7 @@ async def test_gains_of_the_configuration_and_of_requests_are_sent_again_to_a_ch
     firmware.unplug()
 
 
-async def test_an_unplugged_chassis_is_a_fault_and_is_reopened_when_it_is_back(tmp_path: Path) -> None:
+async def test_unplugged_chassis_is_fault_until_reopened(tmp_path: Path) -> None:
     firmware = ChassisFirmware(tmp_path / "tty")
     config = Config(**RETRY, serial_chassis=SerialChassisDriver(device=str(firmware.link)))  # type: ignore[arg-type]
     async with running(tmp_path, [SerialChassis(config)], config) as other:
@@ -120,7 +120,7 @@ async def test_an_unplugged_chassis_is_a_fault_and_is_reopened_when_it_is_back(t
         firmware.unplug()
 
 
-async def test_a_receiver_publishes_its_fixes_and_garbage_does_not_end_it(tmp_path: Path) -> None:
+async def test_receiver_publishes_fixes_despite_garbage(tmp_path: Path) -> None:
     master, slave = pty.openpty()
     tty.setraw(slave)
     config = NmeaDriver(device=os.ttyname(slave), rate_hz=50.0)
@@ -138,7 +138,7 @@ async def test_a_receiver_publishes_its_fixes_and_garbage_does_not_end_it(tmp_pa
         os.close(master)
 
 
-async def test_a_receiver_without_a_position_is_a_fault_that_says_why(tmp_path: Path) -> None:
+async def test_receiver_without_position_is_fault_that_says_why(tmp_path: Path) -> None:
     master, slave = pty.openpty()
     tty.setraw(slave)
     line = os.ttyname(slave)
@@ -183,7 +183,7 @@ async def reported(checks: BoardReader[CheckReports], state: str) -> CheckReport
                 return found[0]
 
 
-async def test_a_receiver_with_the_wrong_rate_is_an_error_that_names_what_arrived(tmp_path: Path) -> None:
+async def test_receiver_with_invalid_rate_names_arrivals(tmp_path: Path) -> None:
     master, slave = pty.openpty()
     tty.setraw(slave)
     receiver = NmeaReceiver(NmeaDriver(device=os.ttyname(slave)))
@@ -202,7 +202,7 @@ async def test_a_receiver_with_the_wrong_rate_is_an_error_that_names_what_arrive
         os.close(master)
 
 
-async def test_a_line_is_refused_that_another_has_or_that_is_none(tmp_path: Path) -> None:
+async def test_used_or_invalid_line_is_refused(tmp_path: Path) -> None:
     master, slave = pty.openpty()
     line = SerialLine(os.ttyname(slave), 9600, lambda data: None)
     try:
@@ -220,7 +220,7 @@ async def test_a_line_is_refused_that_another_has_or_that_is_none(tmp_path: Path
         os.close(master)
 
 
-async def test_a_line_whose_other_end_does_not_read_drops_and_counts() -> None:
+async def test_unread_line_drops_and_counts() -> None:
     master, slave = pty.openpty()
     tty.setraw(slave)
     line = SerialLine(os.ttyname(slave), 115200, lambda data: None)

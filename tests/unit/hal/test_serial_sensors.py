@@ -21,7 +21,7 @@ FAST = Config(drivers=(), retry_s=0.05, report_hz=50.0, failures=1)
 LEVEL = Imu(0.0, 0.0, 0.25, 0.0, 0.0, 9.75, 0.5)
 
 
-async def test_a_unit_is_published_and_named_when_it_sends_something_else(tmp_path: Path) -> None:
+async def test_unit_is_published_and_foreign_data_named(tmp_path: Path) -> None:
     line = PseudoTerminal(tmp_path / "imu", lambda data: None)
     driver = VectorNavImu(VectorNavDriver(device=str(tmp_path / "imu"), rate_hz=50.0))
     async with running(tmp_path, [driver], FAST) as other:
@@ -38,7 +38,7 @@ async def test_a_unit_is_published_and_named_when_it_sends_something_else(tmp_pa
     line.close()
 
 
-async def test_the_height_of_a_sonar_is_filtered_and_ends_where_the_ground_is_out_of_range(
+async def test_sonar_height_is_filtered_and_ends_in_range(
     tmp_path: Path,
 ) -> None:
     line = PseudoTerminal(tmp_path / "sonar", lambda data: None)

@@ -70,7 +70,7 @@ async def test_each_driver_has_its_own_rate(tmp_path: Path) -> None:
         assert imu == pytest.approx(15 * slow, abs=30)
 
 
-async def test_a_device_that_blocks_has_a_thread_and_delays_no_other(tmp_path: Path) -> None:
+async def test_blocking_device_has_thread_and_delays_none(tmp_path: Path) -> None:
     stuck, counter = Stuck(), Counter("counter", 100.0)
     async with running(tmp_path, [stuck, counter], FAST) as other:
         board = other.reader("hal/drivers", DriverTable)
@@ -88,14 +88,14 @@ async def test_a_device_that_blocks_has_a_thread_and_delays_no_other(tmp_path: P
         assert set(stuck.threads) == {"hal-stuck"}
 
 
-async def test_a_device_that_hangs_does_not_keep_the_service_from_ending(tmp_path: Path) -> None:
+async def test_hanging_device_does_not_block_end(tmp_path: Path) -> None:
     stuck = Stuck()
     async with running(tmp_path, [stuck], FAST):
         await asyncio.to_thread(stuck.begun.wait)
     stuck.released.set()
 
 
-async def test_an_unplugged_device_is_a_fault_until_it_is_back(tmp_path: Path) -> None:
+async def test_unplugged_device_is_fault_until_it_is_back(tmp_path: Path) -> None:
     counter = Counter("gnss.left", 100.0)
     async with running(tmp_path, [counter], FAST) as other:
         board = other.reader("hal/drivers", DriverTable)
@@ -110,7 +110,7 @@ async def test_an_unplugged_device_is_a_fault_until_it_is_back(tmp_path: Path) -
         assert await state_of(checks, "hal/driver/gnss/left", "ok")
 
 
-async def test_the_fail_safe_of_an_actuator_is_shown_and_reported(tmp_path: Path) -> None:
+async def test_fail_safe_of_actuator_is_shown_and_reported(tmp_path: Path) -> None:
     valve = Valve()
     async with running(tmp_path, [valve], FAST) as other:
         board = other.reader("hal/drivers", DriverTable)
@@ -127,7 +127,7 @@ async def test_the_fail_safe_of_an_actuator_is_shown_and_reported(tmp_path: Path
         assert await state_of(checks, "hal/failsafe/valve", "ok")
 
 
-async def test_the_check_of_a_fail_safe_is_there_before_it_is_needed(tmp_path: Path) -> None:
+async def test_fail_safe_check_exists_before_need(tmp_path: Path) -> None:
     async with running(tmp_path, [Valve()], FAST) as other:
         checks = other.reader("health/checks/hal", CheckReports)
         assert await state_of(checks, "hal/failsafe/valve", "ok")
@@ -152,7 +152,7 @@ class SlowToClose(BlockingDevice):
         self.calls.append("disconnect")
 
 
-async def test_a_device_is_opened_again_only_when_its_last_call_has_ended(tmp_path: Path) -> None:
+async def test_device_reopens_after_its_last_call_ended(tmp_path: Path) -> None:
     device = SlowToClose()
     async with tmp_node(tmp_path) as node, Module("hal", node=node) as module:
         await device.open(module)

@@ -47,7 +47,7 @@ def test_an_output_follows_fresh_set_points_only() -> None:
     assert output.value(600_000_000, armed=True) == -1.0
 
 
-async def test_servos_follow_their_boards_and_take_the_safe_width_without_set_points(tmp_path: Path) -> None:
+async def test_servos_follow_boards_then_take_safe_width(tmp_path: Path) -> None:
     folder = chip(tmp_path)
     config = ServoDriver(device=str(folder), outputs=(RUDDER, MOTOR), rate_hz=50.0)
     async with running(tmp_path, [Servos(config)], FAST) as other:
@@ -76,7 +76,7 @@ async def test_servos_follow_their_boards_and_take_the_safe_width_without_set_po
         await until(folder, "pwm0/duty_cycle", 1_500_000, other)
 
 
-async def test_outputs_are_safe_when_the_daemon_ends_and_a_lost_chip_is_waited_for(tmp_path: Path) -> None:
+async def test_outputs_end_safe_and_lost_chip_awaited(tmp_path: Path) -> None:
     folder = chip(tmp_path)
     config = ServoDriver(device=str(folder), outputs=(RUDDER,), rate_hz=50.0)
     servos = Servos(config)
@@ -98,7 +98,7 @@ async def test_outputs_are_safe_when_the_daemon_ends_and_a_lost_chip_is_waited_f
         await status(board, "servo", state="running")
 
 
-def test_a_channel_without_rights_or_with_a_pulse_beyond_its_period_is_refused(tmp_path: Path) -> None:
+def test_channel_without_rights_or_period_is_refused(tmp_path: Path) -> None:
     folder = chip(tmp_path, 1)
     channel = PwmChannel(str(folder), 0, 0.0025)
     with pytest.raises(DeviceError, match="pulse of 2600 µs, expected at most one period"):

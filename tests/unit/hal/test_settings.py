@@ -17,7 +17,7 @@ SERVICES = Path(__file__).parents[3] / "etc/swarm/services"
 @pytest.mark.parametrize(
     ("name", "cls"), [("sim", SimConfig), ("navigator", NavigatorConfig), ("hal", HalConfig)]
 )
-def test_the_shipped_file_is_accepted_and_equals_the_defaults(name: str, cls: type[msgspec.Struct]) -> None:
+def test_shipped_file_is_accepted_and_equals_defaults(name: str, cls: type[msgspec.Struct]) -> None:
     assert load(SERVICES / f"{name}.toml", cls) == cls()
 
 

@@ -66,7 +66,7 @@ def test_commands_have_the_form_of_the_firmware() -> None:
 
 
 @given(st.integers(0, (1 << 29) - 1), st.binary(max_size=8))
-def test_any_frame_is_a_state_or_none_or_refused(identifier: int, data: bytes) -> None:
+def test_any_frame_is_state_absent_or_refused(identifier: int, data: bytes) -> None:
     state = VescState(identifier & 0xFF)
     try:
         found = state.on_frame(identifier, data)
@@ -75,9 +75,7 @@ def test_any_frame_is_a_state_or_none_or_refused(identifier: int, data: bytes) -
     assert found is None or identifier >> 8 == 9
 
 
-async def test_motors_follow_while_armed_and_their_states_are_published(
-    tmp_path: Path, controllers: list[Controller]
-) -> None:
+async def test_armed_motors_follow_and_publish_states(tmp_path: Path, controllers: list[Controller]) -> None:
     config = VescDriver(interface="virtual", device=tmp_path.name, motors=(LEFT, RIGHT))
     motors = VescMotors(config)
     async with running(tmp_path, [motors], FAST) as other:
@@ -105,7 +103,7 @@ async def test_motors_follow_while_armed_and_their_states_are_published(
         assert (state.voltage_v, state.temperature_degc) == (24.2, 41.5)
 
 
-async def test_a_controller_that_is_silent_is_named_and_found_again(
+async def test_silent_controller_is_named_and_found_again(
     tmp_path: Path, controllers: list[Controller]
 ) -> None:
     config = VescDriver(interface="virtual", device=tmp_path.name, motors=(LEFT, RIGHT))
@@ -120,7 +118,7 @@ async def test_a_controller_that_is_silent_is_named_and_found_again(
         await status(board, "vesc", state="running")
 
 
-async def test_a_bus_that_is_absent_or_lost_or_without_its_extra_says_so(tmp_path: Path) -> None:
+async def test_absent_lost_or_unsupported_bus_is_reported(tmp_path: Path) -> None:
     with pytest.raises(DeviceGone, match=r"socketcan:absent9: "):
         CanBus("socketcan", "absent9", lambda frame: None)
     with pytest.raises(DeviceGone, match=r"carrier-pigeon:a: "):

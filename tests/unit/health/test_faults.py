@@ -10,7 +10,7 @@ SECOND = 1_000_000_000
 LOW = CheckSample("battery", "low", "warn", freeze_frame="0.29")
 
 
-def test_a_bad_look_is_pending_and_nobody_is_told() -> None:
+def test_single_bad_check_is_pending_unreported() -> None:
     book = FaultTable(5)
     assert book.on_failed(LOW, 0, confirmed=False) is None
     assert [fault.phase for fault in book.open()] == [Phase.PENDING]
@@ -20,7 +20,7 @@ def test_a_bad_look_is_pending_and_nobody_is_told() -> None:
     assert book.cleared() == ()
 
 
-def test_a_whole_life_with_its_times_and_its_freeze_frame() -> None:
+def test_fault_life_has_times_and_freeze_frame() -> None:
     book = FaultTable(5)
     book.on_failed(LOW, 1 * SECOND, confirmed=False)
     told = book.on_failed(
@@ -37,7 +37,7 @@ def test_a_whole_life_with_its_times_and_its_freeze_frame() -> None:
     assert [fault.check for fault in book.cleared()] == ["battery"]
 
 
-def test_one_that_comes_back_before_it_is_cleared_is_counted() -> None:
+def test_fault_returning_before_clear_is_counted() -> None:
     book = FaultTable(5)
     book.on_failed(LOW, 0, confirmed=True)
     book.on_passed("battery", 1 * SECOND)

@@ -41,7 +41,7 @@ def test_a_condition_is_over_after_its_hold_time() -> None:
     run(main)
 
 
-def test_a_condition_that_recurs_or_is_closed_does_not_end() -> None:
+def test_recurring_or_closed_condition_does_not_end() -> None:
     reported = Reported()
 
     async def main(loop: VirtualLoop) -> None:
@@ -76,9 +76,7 @@ DAMAGES: list[tuple[Damage, list[tuple[str, str, str]]]] = [
 
 
 @pytest.mark.parametrize(("damage", "expected"), DAMAGES)
-def test_damage_is_an_error_while_it_lasts_and_a_warning_after_it(
-    damage: Damage, expected: list[tuple[str, str, str]]
-) -> None:
+def test_lasting_damage_is_error_then_warning(damage: Damage, expected: list[tuple[str, str, str]]) -> None:
     reported = Reported()
 
     async def main(loop: VirtualLoop) -> None:

@@ -14,7 +14,7 @@ REGISTRATION = CheckRegistration("planner/path", "planner#1", 2.0)
 FAULT = Fault("battery", "low", "warn", Phase.CONFIRMED, 1, 2, 3, "0.29")
 
 
-def test_what_was_saved_is_loaded_by_the_same_start_of_the_node_only(tmp_path: Path) -> None:
+def test_journal_loads_in_same_node_start_only(tmp_path: Path) -> None:
     journal = JournalFile(tmp_path / "health", 5)
     assert journal.load() == Journal(5)
     journal.save((REGISTRATION,), (FAULT,))
@@ -23,9 +23,7 @@ def test_what_was_saved_is_loaded_by_the_same_start_of_the_node_only(tmp_path: P
     assert [path.name for path in (tmp_path / "health").iterdir()] == ["journal.json"]
 
 
-def test_a_full_disk_keeps_the_journal_before_and_nothing_half_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_full_disk_keeps_former_journal_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     journal = JournalFile(tmp_path / "health", 5)
     journal.save((REGISTRATION,), (FAULT,))
 

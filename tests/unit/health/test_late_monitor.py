@@ -31,7 +31,7 @@ def late_monitor(late_ns: int) -> tuple[MonitorCore, int]:
     return core, due_ns + late_ns
 
 
-def test_the_time_for_which_the_monitor_itself_was_late_is_no_age() -> None:
+def test_lateness_of_monitor_is_not_age() -> None:
     core, now_ns = late_monitor(5 * SECOND)
     (age,) = core.ages()
     assert age.age_s(now_ns) == 0.5, "the time between two looks"
@@ -39,13 +39,13 @@ def test_the_time_for_which_the_monitor_itself_was_late_is_no_age() -> None:
     assert look(core, 2, now_ns + HALF) == []
 
 
-def test_a_pose_that_stays_away_is_lost_on_a_late_node_too() -> None:
+def test_absent_pose_is_lost_on_late_node() -> None:
     core, now_ns = late_monitor(5 * SECOND)
     found = [state for half in range(9) for state in look(core, 1, now_ns + half * HALF)]
     assert found == ["stale", "lost"]
 
 
-def test_a_look_that_is_late_by_a_moment_takes_nothing_from_an_age() -> None:
+def test_slightly_late_check_leaves_age_unchanged() -> None:
     core, now_ns = late_monitor(SECOND // 10)
     (age,) = core.ages()
     assert age.age_s(now_ns) == 0.6

@@ -10,7 +10,7 @@ from swarmware.types.outage import NodeLinks
 LINKS = Resource(path="net/links", type="NodeLinks", rate_hz=1)
 
 
-def test_the_summary_of_the_links_is_judged_by_rules() -> None:
+def test_summary_of_links_is_judged_by_rules() -> None:
     core = monitor(grace_s=0.0)
     present(core, LINKS, app="broker")
     look(core, "net/links", 1, 0)

@@ -57,7 +57,7 @@ async def reported(board: BoardReader[CheckReports], state: str) -> CheckReport:
             await board.changed()
 
 
-async def test_a_check_is_registered_at_each_start_of_the_monitor(tmp_path: Path) -> None:
+async def test_check_is_registered_at_each_start_of_monitor(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("motor", node=node) as module:
         watched(module, Motor(), levels={"error": "warn"}, confirm=(2, 3), clear_s=0.5)
         await reported(module.reader(paths.checks("motor", 1), CheckReports), "ok")
@@ -74,7 +74,7 @@ async def test_a_check_is_registered_at_each_start_of_the_monitor(tmp_path: Path
                 assert await module.send(ADDRESS, found)  # so the answer to the first one has arrived, too
 
 
-async def test_a_check_is_registered_again_when_the_files_of_its_process_were_made_again(
+async def test_check_is_registered_again_with_new_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("swarmware.node.node.TEND_NS", 10_000_000)
@@ -115,7 +115,7 @@ async def test_a_registration_that_is_not_accepted_is_repeated(
         assert refusals == []
 
 
-async def test_a_confirmed_state_runs_its_action_and_is_reported(tmp_path: Path) -> None:
+async def test_confirmed_state_runs_its_action_and_is_reported(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("motor", node=node) as module:
         motor = Motor()
         watched(module, motor)
@@ -128,7 +128,7 @@ async def test_a_confirmed_state_runs_its_action_and_is_reported(tmp_path: Path)
         assert motor.acted == [("cool", 85.0), ("stop", 99.0)]
 
 
-async def test_data_that_cannot_be_read_is_a_state_without_action(tmp_path: Path) -> None:
+async def test_unreadable_data_is_state_without_action(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("motor", node=node) as module:
         motor = Motor()
         watched(module, motor)
@@ -138,7 +138,7 @@ async def test_data_that_cannot_be_read_is_a_state_without_action(tmp_path: Path
         assert motor.acted == []
 
 
-async def test_a_withdrawn_check_is_not_reported_and_the_monitor_is_informed(tmp_path: Path) -> None:
+async def test_withdrawn_check_is_unreported_and_monitor_informed(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("motor", node=node) as module:
         monitor = watched(module, Motor())
         board = module.reader(paths.checks("motor", 1), CheckReports)
@@ -180,7 +180,7 @@ async def test_a_name_has_one_check(tmp_path: Path) -> None:
             monitor.report("heat", "hot")
 
 
-async def test_a_stated_condition_is_reported_with_the_level_of_its_state(tmp_path: Path) -> None:
+async def test_stated_condition_has_level_of_its_state(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("motor", node=node) as module:
         monitor = HealthMonitor(module)
         monitor.report("oil", description="Oil pressure")
@@ -193,7 +193,7 @@ async def test_a_stated_condition_is_reported_with_the_level_of_its_state(tmp_pa
         assert (await reported(board, "none")).level == "error"
 
 
-def test_a_new_detail_alone_is_no_change_of_a_condition() -> None:
+def test_new_detail_alone_is_no_change_of_condition() -> None:
     condition = ReportedCondition(CheckRegistration("motor/oil", "motor#1", 1.0), 5)
     assert condition.set("low", "warn", "1 bar", 6)
     assert not condition.set("low", "warn", "0.9 bar", 7)

@@ -39,7 +39,7 @@ def cleared(core: Monitor, pattern: str, now_ns: int) -> tuple[Fault, ...]:
     return found.faults
 
 
-def test_a_resource_that_moves_is_fresh_and_one_that_stops_is_stale_then_lost() -> None:
+def test_resource_is_fresh_then_stale_then_lost() -> None:
     core = monitor()
     present(core, POSE)
     for half in range(30):
@@ -74,7 +74,7 @@ def test_nothing_is_said_during_the_start() -> None:
     assert [check for check, *_ in told(core)] == ["age/nav/pose"]
 
 
-def test_what_is_ignored_or_has_no_rate_is_not_judged() -> None:
+def test_ignored_or_rateless_resource_is_not_judged() -> None:
     core = monitor()
     present(
         core,
@@ -84,14 +84,14 @@ def test_what_is_ignored_or_has_no_rate_is_not_judged() -> None:
     assert core.ages() == []
 
 
-def test_a_sensor_that_the_template_promises_but_nobody_provides_is_not_valid_and_no_fault() -> None:
+def test_promised_sensor_without_provider_is_invalid_without_fault() -> None:
     core = monitor()
     core.set_template((GNSS, BATTERY))
     assert core.state().sensors == {"sensor/gnss": False}
     assert core.state().level == "ok"
 
 
-def test_a_low_battery_needs_several_looks_and_a_hysteresis_to_recover() -> None:
+def test_low_battery_needs_several_checks_and_hysteresis() -> None:
     core = monitor(grace_s=0.0)
     present(core, BATTERY)
     rule = next(rule for rule in core.limits() if rule.check == "battery/charge")
@@ -111,7 +111,7 @@ def test_a_low_battery_needs_several_looks_and_a_hysteresis_to_recover() -> None
     assert core.state().battery == "ok"
 
 
-def test_a_sensor_with_a_value_beyond_its_limits_is_not_valid() -> None:
+def test_sensor_value_beyond_limits_is_invalid() -> None:
     core = monitor(grace_s=0.0)
     present(core, GNSS)
     look(core, "sensor/gnss", 1, 0)
@@ -122,7 +122,7 @@ def test_a_sensor_with_a_value_beyond_its_limits_is_not_valid() -> None:
     assert not core.state().sensors["sensor/gnss"]
 
 
-def test_a_death_without_goodbye_is_a_fault_that_heals_when_the_application_is_back() -> None:
+def test_unannounced_death_is_fault_until_return() -> None:
     core = monitor()
     present(core, BATTERY)
     beat(core, 1, 0)
@@ -135,7 +135,7 @@ def test_a_death_without_goodbye_is_a_fault_that_heals_when_the_application_is_b
     assert (core.state().apps_alive, core.state().apps_failed) == (1, 0)
 
 
-def test_a_goodbye_is_no_fault_and_its_resources_are_not_missed() -> None:
+def test_leaving_application_is_no_fault_nor_missed() -> None:
     core = monitor()
     present(core, BATTERY)
     beat(core, 1, 0)
@@ -145,14 +145,14 @@ def test_a_goodbye_is_no_fault_and_its_resources_are_not_missed() -> None:
     assert core.limits() == []
 
 
-def test_the_death_of_a_program_that_never_beat_is_no_fault() -> None:
+def test_death_before_first_beat_is_no_fault() -> None:
     core = monitor()
     present(core, app="swarmctl")
     core.on_died("swarmctl#1", SECOND)
     assert told(core) == []
 
 
-def test_a_beat_that_stands_still_is_a_hang_and_an_excused_one_is_not() -> None:
+def test_stale_beat_is_hang_unless_excused() -> None:
     core = monitor()
     present(core)
     beat(core, 1, 0)
@@ -165,7 +165,7 @@ def test_a_beat_that_stands_still_is_a_hang_and_an_excused_one_is_not() -> None:
     assert told(core) == [("app/hal", "hung", Phase.HEALED)]
 
 
-def test_a_service_that_failed_inside_its_process_is_told() -> None:
+def test_service_failing_inside_process_is_reported() -> None:
     core = monitor()
     present(core)
     beat(core, 1, 0)
@@ -177,7 +177,7 @@ def test_a_service_that_failed_inside_its_process_is_told() -> None:
     assert told(core) == [("app/hal", "failed", Phase.HEALED)]
 
 
-def test_a_service_that_was_restarted_on_request_inside_its_process_is_no_fault() -> None:
+def test_service_restarted_on_request_is_no_fault() -> None:
     core = monitor()
     present(core)
     beat(core, 1, 0)
@@ -197,7 +197,7 @@ def reports(state: str, *, seen: str = "", app: str = "planner#1") -> CheckRepor
     return CheckReports(app, (CheckReport("planner/path", state, 0, seen, "age 1.2"),))
 
 
-def test_a_modules_own_check_becomes_a_fault_with_its_level_and_freeze_frame() -> None:
+def test_check_of_module_becomes_leveled_fault() -> None:
     core = monitor()
     assert core.on_registration(REGISTRATION, 0) == [RegistrationChanged(REGISTRATION)]
     assert core.on_registration(REGISTRATION, 0) == []
@@ -213,7 +213,7 @@ def test_a_modules_own_check_becomes_a_fault_with_its_level_and_freeze_frame() -
     assert told(core) == [("planner/path", "late", Phase.HEALED)]
 
 
-def test_a_report_that_states_a_level_overrides_the_registration() -> None:
+def test_report_that_states_level_overrides_registration() -> None:
     core = monitor()
     core.on_registration(REGISTRATION, 0)
     stated = CheckReport("planner/path", "none", 0, level="warn")
@@ -223,7 +223,7 @@ def test_a_report_that_states_a_level_overrides_the_registration() -> None:
     assert [(fault.state, fault.level) for fault in core.take()] == [("silent", "warn")]
 
 
-def test_a_check_that_falls_silent_is_itself_a_fault() -> None:
+def test_check_that_falls_silent_is_itself_fault() -> None:
     core = monitor()
     core.on_registration(REGISTRATION, 0)
     core.on_inputs_read(2 * SECOND)
@@ -234,7 +234,7 @@ def test_a_check_that_falls_silent_is_itself_a_fault() -> None:
     assert told(core) == [("planner/path", "silent", Phase.HEALED)]
 
 
-def test_reports_of_unknown_checks_or_by_others_are_not_taken() -> None:
+def test_foreign_or_unknown_reports_are_ignored() -> None:
     core = monitor()
     core.on_reports(reports("none"), 0)
     core.on_registration(REGISTRATION, 0)
@@ -242,7 +242,7 @@ def test_reports_of_unknown_checks_or_by_others_are_not_taken() -> None:
     assert told(core) == []
 
 
-def test_a_withdrawn_check_and_those_of_an_application_that_left_are_gone() -> None:
+def test_withdrawn_or_departed_checks_are_gone() -> None:
     core = monitor()
     core.on_registration(REGISTRATION, 0)
     core.on_reports(reports("none"), 0)
@@ -285,7 +285,7 @@ def test_only_what_is_declared_critical_grounds_a_vehicle() -> None:
     assert core.state().level == "error"
 
 
-def test_a_fault_whose_check_is_gone_is_cleared_also_when_only_the_journal_knew_it() -> None:
+def test_fault_of_vanished_check_is_cleared() -> None:
     core = monitor(grace_s=0.0)
     present(core, HEAT, app="planner")
     lose(core, "motor/heat", 0)
@@ -299,7 +299,7 @@ def test_a_fault_whose_check_is_gone_is_cleared_also_when_only_the_journal_knew_
     assert told(after) == [("age/motor/heat", "lost", Phase.CLEARED)]
 
 
-def test_a_dead_service_is_still_a_fault_of_the_next_monitor_until_it_is_back() -> None:
+def test_dead_service_stays_fault_for_next_monitor() -> None:
     core = monitor()
     present(core, BATTERY)
     beat(core, 1, 0)
@@ -312,7 +312,7 @@ def test_a_dead_service_is_still_a_fault_of_the_next_monitor_until_it_is_back() 
     assert [fault.check for fault in after.faults.confirmed()] == []
 
 
-def test_a_check_that_the_next_life_of_its_module_does_not_register_is_withdrawn() -> None:
+def test_check_unregistered_after_restart_is_withdrawn() -> None:
     core = monitor()
     present(core, app="planner", at_ns=0)
     core.on_registration(REGISTRATION, SECOND)
@@ -324,7 +324,7 @@ def test_a_check_that_the_next_life_of_its_module_does_not_register_is_withdrawn
     assert "planner/path" not in core.reports
 
 
-def test_a_check_whose_module_stands_still_before_its_first_report_is_silent_and_not_forgotten() -> None:
+def test_check_of_blocked_module_is_silent() -> None:
     core = monitor()
     present(core, app="planner", at_ns=SECOND)
     core.on_registration(REGISTRATION, 2 * SECOND)
@@ -339,7 +339,7 @@ def test_a_check_whose_module_stands_still_before_its_first_report_is_silent_and
     assert [(fault.check, fault.state) for fault in core.faults.confirmed()] == [("planner/path", "silent")]
 
 
-def test_what_an_operator_clears_is_over_and_what_is_gone_is_forgotten() -> None:
+def test_cleared_fault_ends_and_vanished_is_forgotten() -> None:
     core = monitor(grace_s=0.0)
     present(core, HEAT, app="planner")
     present(core, POSE, app="navigator", pid=9)
@@ -355,7 +355,7 @@ def test_what_an_operator_clears_is_over_and_what_is_gone_is_forgotten() -> None
     assert core.state().level == "error", "its owner lives: the fault is a new one"
 
 
-def test_a_clear_answers_with_the_faults_as_they_are_after_it() -> None:
+def test_clear_returns_remaining_faults() -> None:
     core = monitor(grace_s=0.0)
     present(core, HEAT, app="planner")
     present(core, POSE, app="navigator", pid=9)
@@ -375,7 +375,7 @@ def test_a_clear_answers_with_the_faults_as_they_are_after_it() -> None:
     )
 
 
-def test_a_platform_that_was_reached_and_is_not_any_more_is_a_fault_until_it_is_back() -> None:
+def test_lost_platform_is_fault_until_return() -> None:
     core = monitor()
     core.on_platforms({"uav1", "uav2"}, 0)
     core.on_platforms({"uav1"}, 2 * SECOND)
@@ -389,7 +389,7 @@ def test_a_platform_that_was_reached_and_is_not_any_more_is_a_fault_until_it_is_
     assert told(core) == [("platform/uav2", "lost", Phase.HEALED)]
 
 
-def test_a_lost_platform_is_missed_over_a_restart_of_the_monitor_and_no_more_once_cleared() -> None:
+def test_lost_platform_survives_restart_until_cleared() -> None:
     core = monitor()
     core.on_platforms({"uav2"}, 0)
     core.on_platforms(set(), 3 * SECOND)
@@ -402,7 +402,7 @@ def test_a_lost_platform_is_missed_over_a_restart_of_the_monitor_and_no_more_onc
     assert after.faults.open() == ()
 
 
-def test_the_monitor_looks_twice_a_second_at_values_once_and_excuses_its_own_lateness() -> None:
+def test_monitor_checks_twice_per_second_excusing_lateness() -> None:
     core = monitor()
     assert core.deadline_ns() is None
     core.on_start((), (), 0)
@@ -423,7 +423,7 @@ def test_the_monitor_looks_twice_a_second_at_values_once_and_excuses_its_own_lat
     assert told(core) == [("app/hal", "hung", Phase.CONFIRMED)]
 
 
-def test_a_guard_that_hangs_is_reported_once_and_stated() -> None:
+def test_guard_that_hangs_is_reported_once_and_stated() -> None:
     core = monitor()
     assert core.state().guard == "absent"
     present(core, app="guard")
@@ -438,7 +438,7 @@ def test_a_guard_that_hangs_is_reported_once_and_stated() -> None:
     assert core.state().guard == "absent"
 
 
-def test_a_cleared_death_forgets_the_application_and_its_resources() -> None:
+def test_cleared_death_forgets_application_and_its_resources() -> None:
     core = monitor()
     present(core, POSE)
     beat(core, 1, 0)
@@ -450,7 +450,7 @@ def test_a_cleared_death_forgets_the_application_and_its_resources() -> None:
     assert list(core.ages()) == []
 
 
-def test_an_application_that_never_beat_is_forgotten_at_its_death() -> None:
+def test_application_without_beat_is_forgotten_at_death() -> None:
     core = monitor()
     present(core, POSE)
     core.on_died("hal#1", SECOND)

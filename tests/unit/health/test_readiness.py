@@ -147,11 +147,11 @@ FRESH_CHARGE = age(CHARGE, 1.0)
         ),
     ],
 )
-def test_an_item_applies_and_refuses_by_what_is_there(item: str, seen: Picture, reason: str | None) -> None:
+def test_item_applies_and_refuses_by_what_is_there(item: str, seen: Picture, reason: str | None) -> None:
     assert ITEMS[item](seen) == reason
 
 
-def test_a_vehicle_is_ready_when_every_item_that_applies_is() -> None:
+def test_vehicle_is_ready_with_all_applicable_items() -> None:
     assert assess(picture()) == Readiness(True, (), ("faults",))
     seen = picture(FRESH_CHARGE, limits=(limit("battery/charge", 0.1),), estimates=True, station=True)
     found = assess(seen)
@@ -175,9 +175,7 @@ def test_a_vehicle_is_ready_when_every_item_that_applies_is() -> None:
         ("hal/realtime", "error", False),
     ],
 )
-def test_a_loop_without_real_time_scheduling_is_a_warning_unless_it_is_required(
-    check: str, level: Level, warned: bool
-) -> None:
+def test_loop_without_real_time_warns_unless_required(check: str, level: Level, warned: bool) -> None:
     found = assess(picture(faults=(fault(check, level),)))
     assert found.warnings == ((NotReady("realtime", f"{check}=died"),) if warned else ())
     assert found.ready is (level == "warn")
@@ -190,7 +188,7 @@ def test_a_new_warning_is_published_at_once() -> None:
     assert repeater.due(assess(picture(faults=(fault("hal/realtime", "warn"),))), NOW + 2)
 
 
-def test_a_change_is_published_at_once_and_the_same_once_a_second() -> None:
+def test_change_is_published_at_once_then_repeated() -> None:
     repeater = ReadinessRepeater()
     good, bad = Readiness(True), Readiness(False, (NotReady("link", "for 4 s"),))
     longer = Readiness(False, (NotReady("link", "for 5 s"),))

@@ -35,7 +35,7 @@ def result(tmp_path: Path) -> tuple[ExperimentReport, PlotData]:
     return analysis.analyse(facts(), tmp_path)
 
 
-def test_every_figure_of_the_made_up_run_is_found(result: tuple[ExperimentReport, PlotData]) -> None:
+def test_every_figure_of_made_up_run_is_found(result: tuple[ExperimentReport, PlotData]) -> None:
     found, _ = result
     assert found.nodes == 3
     assert found.ready_s == 4.5
@@ -68,7 +68,7 @@ def test_every_figure_of_the_made_up_run_is_found(result: tuple[ExperimentReport
     assert found.rss_mb == MeanMax(71.0, 72.0)
 
 
-def test_the_scene_shows_what_happened_between_command_and_end(
+def test_scene_shows_what_happened_between_command_and_end(
     result: tuple[ExperimentReport, PlotData],
 ) -> None:
     _, scene = result
@@ -103,7 +103,7 @@ def test_collisions_and_gaps_are_counted(tmp_path: Path) -> None:
     assert found.log_gaps == 12
 
 
-def test_blocks_barriers_and_known_links_are_taken_from_the_logs(tmp_path: Path) -> None:
+def test_blocks_barriers_and_links_come_from_logs(tmp_path: Path) -> None:
     write_logs(tmp_path)
     log = Log(tmp_path, "ugv1/more")
     log.platform = "ugv1"
@@ -139,7 +139,7 @@ def test_a_run_that_never_moved_has_figures_too(tmp_path: Path) -> None:
     assert found.duration_s == pytest.approx(21.0)
 
 
-def test_counters_that_fell_back_are_added_up_over_the_restart() -> None:
+def test_reset_counters_are_summed_over_restart() -> None:
     def at(t_s: float, sent: int) -> tuple[float, Traffic]:
         return t_s, msgspec.structs.replace(traffic("gcs", 0), sent_bytes=sent, requests=0)
 
@@ -150,7 +150,7 @@ def test_counters_that_fell_back_are_added_up_over_the_restart() -> None:
     assert traffic_totals.egress(counters).value == pytest.approx([1.0, 0.5, 1.0])
 
 
-def test_a_conversion_nobody_measured_and_one_of_a_stranger_have_no_error() -> None:
+def test_unmeasured_or_foreign_conversion_has_no_error() -> None:
     published = functions("gcs", 3.0, 25.0)
     assert clocks.errors_us("gcs", [published], CLOCKS) == pytest.approx([25.0, 25.0], abs=0.01)
     first, second = published.functions
@@ -158,7 +158,7 @@ def test_a_conversion_nobody_measured_and_one_of_a_stranger_have_no_error() -> N
     assert clocks.errors_us("gcs", [msgspec.structs.replace(published, functions=unknown)], CLOCKS) == []
 
 
-def test_a_mission_that_did_not_end_everywhere_lasts_until_the_run_was_broken_off(tmp_path: Path) -> None:
+def test_unfinished_mission_lasts_until_end_of_run(tmp_path: Path) -> None:
     write_logs(tmp_path)
     died = tmp_path / "uav1" / "000001.mcap"
     died.unlink()

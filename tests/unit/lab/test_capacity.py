@@ -20,25 +20,25 @@ def measured(nodes_percent: float, cores: int = 2) -> HostInfo:
     ("nodes", "cores", "needed"),
     [(16, 2, False), (17, 2, True), (32, 2, True), (32, 4, False), (3, 1, False)],
 )
-def test_a_lab_is_measured_where_it_is_not_certain_that_it_fits(nodes: int, cores: int, needed: bool) -> None:
+def test_uncertain_lab_is_measured(nodes: int, cores: int, needed: bool) -> None:
     assert capacity.needs_measurement(nodes, cores) is needed
 
 
-def test_what_the_first_nodes_use_must_fit_for_all_of_them() -> None:
+def test_use_of_first_nodes_must_scale() -> None:
     assert capacity.refusal(32, measured(8 * 6.2), 8) == ""
     reason = capacity.refusal(32, measured(8 * 12.0), 8)
     for figure in ("32 nodes are too many", "first 8 use 12.0 %", "2 cores (Some CPU)", "at most 16 nodes"):
         assert figure in reason
 
 
-def test_nodes_that_run_and_take_the_whole_processor_are_a_warning() -> None:
+def test_full_processor_of_running_nodes_is_warning() -> None:
     assert capacity.shortage(32, measured(180.0)) == ""
     assert "short for 32 nodes, 2 cores (Some CPU)" in capacity.shortage(32, measured(195.2))
     assert capacity.shortage(32, measured(195.2, cores=4)) == ""
 
 
 @pytest.mark.parametrize(("shares", "fits"), [([12.0, 9.0, 6.0], True), ([9.0] * capacity.SAMPLES, False)])
-async def test_what_nodes_use_while_they_meet_is_no_reason_to_refuse(
+async def test_joining_load_does_not_refuse_lab(
     monkeypatch: pytest.MonkeyPatch, shares: list[float], fits: bool
 ) -> None:
     left = iter(shares)
@@ -66,7 +66,7 @@ async def test_what_nodes_use_while_they_meet_is_no_reason_to_refuse(
     assert next(left, None) is None, "as many samples as it takes"
 
 
-def test_only_a_lab_that_may_not_fit_is_started_in_two_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_doubtful_lab_starts_in_two_steps(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     assert capacity.Capacity(16).first == 16
     assert capacity.Capacity(32).first == capacity.FIRST

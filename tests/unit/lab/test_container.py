@@ -14,7 +14,7 @@ from swarmware.model.platform_kind import PlatformKind
 from swarmware.transport.security.keys import Keys
 
 
-def test_each_container_gets_a_name_of_its_own_and_the_same_again(tmp_path: Path) -> None:
+def test_each_container_gets_own_stable_name(tmp_path: Path) -> None:
     claims = tmp_path / "claims"
     names = [
         container.claim(PlatformKind.UAV, claims, tmp_path / str(number) / "platform") for number in range(3)
@@ -26,7 +26,7 @@ def test_each_container_gets_a_name_of_its_own_and_the_same_again(tmp_path: Path
         container.claim(PlatformKind.GCS, claims, tmp_path / "second")
 
 
-def test_a_container_that_comes_back_has_its_old_name_when_it_is_free(tmp_path: Path) -> None:
+def test_returning_container_regains_its_free_name(tmp_path: Path) -> None:
     (tmp_path / "platform").write_text("uav7")
     assert container.claim(PlatformKind.UAV, tmp_path / "claims", tmp_path / "platform") == "uav7"
     (tmp_path / "other").write_text("uav7")

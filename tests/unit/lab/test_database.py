@@ -23,7 +23,7 @@ FOLDER = Path("/tmp/labs/formation")
         ("mongodb://h/?tls=true&tlsAllowInvalidHostnames=true", "h", 27017),
     ],
 )
-def test_nodes_use_the_socket_with_the_same_credentials_and_options(uri: str, host: str, port: int) -> None:
+def test_nodes_use_socket_with_same_credentials_and_options(uri: str, host: str, port: int) -> None:
     assert server_of(uri) == DatabaseServer(host, port)
     before, after = parse_uri(uri), parse_uri(address_for_nodes(uri, FOLDER))
     assert after["nodelist"] == [(str(FOLDER / "mongodb.sock"), None)]
@@ -33,7 +33,7 @@ def test_nodes_use_the_socket_with_the_same_credentials_and_options(uri: str, ho
     ]
 
 
-def test_the_socket_of_a_server_on_this_computer_needs_no_gateway() -> None:
+def test_local_server_socket_needs_no_gateway() -> None:
     uri = "mongodb://user:pass@%2Ftmp%2Fmongodb-27017.sock/swarm"
     assert server_of(uri) is None
     assert address_for_nodes(uri, FOLDER) == uri
@@ -48,13 +48,13 @@ def test_the_socket_of_a_server_on_this_computer_needs_no_gateway() -> None:
         ("mongodb://user:s3cret@db.example.org:seven/", "expected mongodb://host:port"),
     ],
 )
-def test_an_address_for_several_connections_or_names_is_refused(uri: str, words: str) -> None:
+def test_address_for_several_connections_or_names_is_refused(uri: str, words: str) -> None:
     with pytest.raises(InvalidInput, match=words) as caught:
         server_of(uri)
     assert "s3cret" not in str(caught.value)
 
 
-async def test_the_gateway_carries_both_directions_and_ends_a_connection_without_server(
+async def test_gateway_carries_both_directions_and_ends_serverless(
     tmp_path: Path,
 ) -> None:
     async def echo(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

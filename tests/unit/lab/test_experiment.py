@@ -16,7 +16,7 @@ from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionPhase, MissionState, OrderReceipt, TaskAnswer
 
 
-def test_an_older_report_goes_and_whatever_else_is_there_stays(tmp_path: Path) -> None:
+def test_older_report_is_removed_and_others_stay(tmp_path: Path) -> None:
     out = tmp_path / "report"
     (out / "logs" / "uav1").mkdir(parents=True)
     (out / "mine").mkdir()
@@ -50,7 +50,7 @@ def test_the_phase_is_what_most_platforms_do() -> None:
         ({}, True, "no platform took part"),
     ],
 )
-def test_a_mission_is_completed_when_every_member_is_done_in_time(
+def test_mission_completes_when_members_end_in_time(
     states: dict[str, str], in_time: bool, failure: str
 ) -> None:
     outcome = MissionOutcome(states, in_time)
@@ -58,7 +58,7 @@ def test_a_mission_is_completed_when_every_member_is_done_in_time(
     assert outcome.failure() == failure
 
 
-def test_the_mission_of_the_experiment_is_sent_with_all_its_files() -> None:
+def test_experiment_sends_mission_with_all_files() -> None:
     task = experiment.mission_task("formation")
     folder = from_files(task.files, task.name)
     assert folder.manifest.name == "formation"
@@ -69,7 +69,7 @@ def of_epoch(epoch: int, name: str) -> MissionState:
     return MissionState(epoch, "", MissionPhase(name), active=("form",))
 
 
-def test_a_member_that_was_restarted_has_lost_its_mission_and_nobody_waits_for_it() -> None:
+def test_restarted_member_is_not_awaited() -> None:
     members = MissionMembers(["a", "b", "c"], 7)
     members.take({"a": of_epoch(0, "idle"), "b": of_epoch(7, "running")})
     assert members.outcome(in_time=True).states == {"a": "unknown", "b": "running", "c": "unknown"}
@@ -81,7 +81,7 @@ def test_a_member_that_was_restarted_has_lost_its_mission_and_nobody_waits_for_i
     assert experiment.phase(members.states) == "3 of 3 ended"
 
 
-def test_nobody_waits_for_members_that_were_withdrawn_at_the_start() -> None:
+def test_members_withdrawn_at_start_are_not_awaited() -> None:
     members = MissionMembers(["a", "b"], 7)
     members.take({"a": of_epoch(7, "ready"), "b": of_epoch(7, "running")})
     before = members.ended
@@ -90,7 +90,7 @@ def test_nobody_waits_for_members_that_were_withdrawn_at_the_start() -> None:
     assert members.outcome(in_time=True).failure() == "a not started, b failed"
 
 
-def test_a_failed_mission_is_reported_with_the_reasons_of_its_members() -> None:
+def test_failed_mission_reports_reasons_of_members() -> None:
     members = MissionMembers(["a", "b"], 7)
     failed = MissionState(7, "", MissionPhase.FAILED, text="advance: timed out after 240 s")
     members.take({"a": failed, "b": of_epoch(7, "done")})
@@ -105,14 +105,14 @@ def node_facts(platform: str, *, ended: str = "", reasons: tuple[str, ...] = ())
     )  # fmt: skip
 
 
-def test_the_failure_names_the_nodes_that_ended_with_their_logs_before_what_followed_from_it() -> None:
+def test_failure_names_ended_nodes_before_consequences() -> None:
     nodes = [node_facts("a", ended="signal 9"), node_facts("b", reasons=("exit 1",))]
     assert failure(nodes, "out of time") == "node a: ended with signal 9; logs/a/log.txt"
     assert failure(nodes[1:], "out of time") == "out of time"
     assert failure(nodes[1:], "") == ""
 
 
-def test_a_course_that_breaks_off_says_how_far_it_came() -> None:
+def test_aborted_course_reports_its_progress() -> None:
     course = MissionRun()
     orders = tuple(OrderReceipt("formation", 7, name, "r", 0, 0, 0, True) for name in ("a", "b"))
     course.accepted(TaskAnswer("formation", "", 7, True, orders))

@@ -23,14 +23,14 @@ def formation(offset: tuple[float, float, float], *, advance: bool = True, seq: 
     return Goal(seq, GoalKind.FORMATION, leader="l", offset_m=offset, course=COURSE, advance=advance)
 
 
-def test_a_follower_beside_its_slot_on_a_straight_course_has_that_error() -> None:
+def test_follower_beside_slot_has_constant_error() -> None:
     leader, follower = straight("l", 20, 0), straight("f", 14, 3.5, 8.25)
     times = tracks.axis(1, 19)
     found = formation_error.errors(follower, leader, [(0.0, formation((-6, 3, 8)))], times)
     assert np.allclose(found, math.hypot(0.5, 0.25))
 
 
-def test_there_is_no_error_before_the_goal_without_a_slot_and_for_the_leader_itself() -> None:
+def test_error_is_absent_without_slot_or_follower() -> None:
     leader, follower = straight("l", 20, 0), straight("f", 14, 3)
     times = tracks.axis(0, 20)
     goals = [(5.0, formation((-6, 3, 0))), (10.0, Goal(2, GoalKind.LAND))]
@@ -51,7 +51,7 @@ def test_it_is_formed_while_all_advance() -> None:
     assert formation_error.formed_spans({}, 20.0) == ()
 
 
-def test_a_formation_that_is_left_and_taken_again_has_two_spans() -> None:
+def test_interrupted_formation_has_two_spans() -> None:
     go, hold = formation((0, 0, 0)), Goal(2, GoalKind.HOLD)
     goals = {"l": [(1.0, go), (3.0, go), (4.0, hold), (6.0, go)]}
     assert formation_error.formed_spans(goals, 8.0) == ((1.0, 4.0), (6.0, 8.0))

@@ -8,7 +8,7 @@ from swarmlab.measure import host
 from swarmlab.measure.host import CpuTime, HostInfo
 
 
-def test_this_computer_is_described_and_its_processor_time_rises() -> None:
+def test_computer_is_described_and_processor_time_rises() -> None:
     here = host.describe()
     assert here.processor
     assert here.cores >= 1
@@ -18,7 +18,7 @@ def test_this_computer_is_described_and_its_processor_time_rises() -> None:
     assert host.busy().cpu_s >= before.cpu_s
 
 
-def test_what_the_nodes_did_not_use_was_used_by_others() -> None:
+def test_processor_time_beyond_nodes_belongs_to_others() -> None:
     found = host.shares(HostInfo(cores=2), CpuTime(10, 100), CpuTime(20, 115), [40.0, 60.0])
     assert found.nodes_percent == pytest.approx(100)
     assert found.others_percent == pytest.approx(50)
@@ -34,7 +34,7 @@ def test_a_missed_goal_is_read_beside_the_load() -> None:
     assert host.HostInfo("Some CPU", 2).summary() == "2 cores (Some CPU)"
 
 
-def test_a_kernel_without_a_model_name_gives_the_architecture(tmp_path: Path) -> None:
+def test_kernel_without_model_name_gives_architecture(tmp_path: Path) -> None:
     (tmp_path / "cpuinfo").write_text("processor\t: 0\nmodel name\t: An ARM\n")
     assert host.processor(tmp_path / "cpuinfo") == "An ARM"
     (tmp_path / "cpuinfo").write_text("processor\t: 0\n")

@@ -65,7 +65,7 @@ def test_what_is_saved_is_loaded(folder: Path) -> None:
     assert lab.node("ugv1").config_dir == folder / "a" / "n" / "ugv1" / "etc"
 
 
-def test_the_newest_running_lab_is_meant_when_none_is_named(folder: Path) -> None:
+def test_newest_running_lab_is_the_default(folder: Path) -> None:
     make(folder, "old", living=True, created=1)
     make(folder, "new", living=True, created=2)
     make(folder, "dead", living=False, created=3)
@@ -74,15 +74,13 @@ def test_the_newest_running_lab_is_meant_when_none_is_named(folder: Path) -> Non
     assert [lab.name for lab in labs.labs()] == ["old", "new", "dead"]
 
 
-def test_without_a_running_lab_the_error_says_how_to_start_one(folder: Path) -> None:
+def test_absent_lab_error_names_starting_command(folder: Path) -> None:
     make(folder, "dead", living=False)
     with pytest.raises(NotFound, match="lab up"):
         labs.find()
 
 
-def test_the_lab_to_use_is_the_named_one_or_the_newest_unless_a_folder_is_given(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_lab_is_named_or_newest_or_by_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("SWARM_CONFIG", raising=False)
     assert labs.chosen(CliSettings()) is None
     make(folder, "dead", living=False, created=3)
@@ -97,7 +95,7 @@ def test_the_lab_to_use_is_the_named_one_or_the_newest_unless_a_folder_is_given(
         labs.chosen(CliSettings(lab="nosuch"))
 
 
-def test_modules_of_others_are_named_before_a_lab_ends_and_are_left_running(folder: Path) -> None:
+def test_foreign_modules_are_named_and_left_running(folder: Path) -> None:
     lab = make(folder, "a", living=False)
     module = AppFile(lab.node("ugv1").run_dir, "thermometer", endpoint="ipc://x", started_ns=1)
     stdout, stderr = io.StringIO(), io.StringIO()
@@ -110,7 +108,7 @@ def test_modules_of_others_are_named_before_a_lab_ends_and_are_left_running(fold
     assert left in stderr.getvalue() and "not ended" in stderr.getvalue()
 
 
-def test_a_lab_of_which_only_the_radio_runs_is_ended_without_its_name(folder: Path) -> None:
+def test_lab_with_only_radio_is_ended(folder: Path) -> None:
     make(folder, "dead", living=False, created=3)
     left = make(folder, "left", living=False)
     stdout = io.StringIO()
@@ -125,12 +123,12 @@ def test_a_lab_of_which_only_the_radio_runs_is_ended_without_its_name(folder: Pa
         end_labs("", out, everything=False, keep=False)
 
 
-def test_an_unknown_node_is_named_beside_those_there_are(folder: Path) -> None:
+def test_unknown_node_is_named_beside_those_there_are(folder: Path) -> None:
     with pytest.raises(NotFound, match=r"uav9.*expected one of ugv1, gcs"):
         make(folder, "a", living=True).node("uav9")
 
 
-def test_a_damaged_record_is_our_error_and_is_passed_over_in_the_list(folder: Path) -> None:
+def test_damaged_record_is_error_but_skipped_in_list(folder: Path) -> None:
     make(folder, "a", living=True)
     (folder / "b").mkdir()
     (folder / "b" / "lab.json").write_bytes(b'{"name": 7}')
@@ -139,13 +137,13 @@ def test_a_damaged_record_is_our_error_and_is_passed_over_in_the_list(folder: Pa
     assert [lab.name for lab in labs.labs()] == ["a"]
 
 
-def test_a_folder_that_others_may_write_to_is_not_used(folder: Path) -> None:
+def test_folder_writable_by_others_is_not_used(folder: Path) -> None:
     folder.chmod(0o777)
     with pytest.raises(Denied, match="only you"):
         labs.labs_folder()
 
 
 @pytest.mark.parametrize("name", ["", "A", "../x", "a/b", "x" * 25, "1a"])
-def test_a_name_that_would_leave_the_folder_is_refused(name: str) -> None:
+def test_name_that_would_leave_folder_is_refused(name: str) -> None:
     with pytest.raises(InvalidInput):
         labs.check_name(name)

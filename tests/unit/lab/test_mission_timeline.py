@@ -13,7 +13,7 @@ def step(t_s: float, block: str, event: str, text: str = "") -> tuple[float, Mis
     return t_s, MissionProgress("formation", 7, block, kind, event, 0, text)
 
 
-def test_blocks_become_spans_and_simultaneous_ones_have_lanes_of_their_own() -> None:
+def test_blocks_become_spans_in_separate_lanes() -> None:
     member = mission_timeline.of_member(
         "uav1",
         [
@@ -43,7 +43,7 @@ def test_blocks_become_spans_and_simultaneous_ones_have_lanes_of_their_own() -> 
     assert mission_timeline.of_member("uav2", [], 10.0).lanes == 1
 
 
-def test_a_barrier_opens_at_the_instant_of_its_members_and_a_broken_one_is_named() -> None:
+def test_barrier_opens_at_instant_or_is_named_broken() -> None:
     clocks = {"uav1": ClockTruth(5.0, 0.0), "uav2": ClockTruth(-3.0, 0.0)}
     origin_ns = 10**12
 

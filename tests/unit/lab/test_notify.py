@@ -14,7 +14,7 @@ def say(path: Path, *messages: bytes) -> None:
             sender.send(message)
 
 
-def test_a_node_is_ready_when_it_says_so_and_not_any_more_when_it_stops(tmp_path: Path) -> None:
+def test_node_is_ready_from_notification_to_stop(tmp_path: Path) -> None:
     path = tmp_path / "n"
     heard = NotifySocket(path)
     try:
@@ -51,7 +51,7 @@ def test_a_stale_socket_file_is_replaced(tmp_path: Path) -> None:
     second.close()
 
 
-def test_a_new_supervisor_counts_from_the_beginning_and_the_sum_goes_on(tmp_path: Path) -> None:
+def test_new_supervisor_restarts_count_and_sum_continues(tmp_path: Path) -> None:
     heard = NotifySocket(tmp_path / "n")
     try:
         heard.take(variables(b"X_RESTARTS=1\nX_REASON=signal 9\nREADY=1"))
@@ -65,7 +65,7 @@ def test_a_new_supervisor_counts_from_the_beginning_and_the_sum_goes_on(tmp_path
         heard.close()
 
 
-def test_restarts_are_counted_with_their_reasons_and_the_node_is_not_ready_meanwhile(tmp_path: Path) -> None:
+def test_restarts_are_counted_with_reasons_and_unreadiness(tmp_path: Path) -> None:
     heard = NotifySocket(tmp_path / "n")
     try:
         heard.take(variables(b"READY=1"))

@@ -23,7 +23,7 @@ from swarmlab.provision.provisioning import LabSpec
         LabSpec(experiment="formation", nodes=4, seed=2, mongodb_uri="mongodb://127.0.0.1:27017/x"),
     ],
 )
-def test_the_command_of_a_report_gives_the_same_run(spec: LabSpec, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_command_of_report_gives_same_run(spec: LabSpec, monkeypatch: pytest.MonkeyPatch) -> None:
     ran: list[tuple[object, ...]] = []
 
     def record(*words: object, strict: bool) -> int:
@@ -47,7 +47,7 @@ def test_the_command_of_a_report_contains_no_password() -> None:
     assert "secret" not in run_command(spec, 90, Path("out"))
 
 
-def test_only_a_checkout_that_has_the_package_is_named(tmp_path: Path) -> None:
+def test_only_checkout_that_has_package_is_named(tmp_path: Path) -> None:
     def git(*words: str) -> None:
         who = ("-c", "user.name=n", "-c", "user.email=e@x")
         subprocess.run(["git", "-C", str(tmp_path), *who, *words], check=True, capture_output=True)

@@ -108,7 +108,7 @@ def shown(data: PlotData, nodes: int = 16, exists: Callable[[str], bool] = lambd
 
 
 @pytest.mark.parametrize("data", [scene(), EMPTY], ids=["full", "empty"])
-def test_the_page_is_well_formed_escaped_and_refers_to_nothing_outside(data: PlotData) -> None:
+def test_page_is_well_formed_escaped_and_self_contained(data: PlotData) -> None:
     html = shown(data)
     outline = Outline()
     outline.feed(html)
@@ -123,7 +123,7 @@ def test_the_page_is_well_formed_escaped_and_refers_to_nothing_outside(data: Plo
     assert plots.paths(data).startswith(b"\x89PNG")
 
 
-def test_the_page_names_every_node_block_and_barrier_and_what_made_it() -> None:
+def test_page_names_nodes_blocks_barriers_and_origin() -> None:
     html = shown(scene())
     for name in ("uav1", "ugv1"):
         assert f'data-name="{name}"' in html
@@ -142,7 +142,7 @@ def test_the_page_names_every_node_block_and_barrier_and_what_made_it() -> None:
     assert "logarithmic axis" in html and "linear axis" in html
 
 
-def test_only_a_page_of_16_nodes_shows_the_papers_figures() -> None:
+def test_only_page_of_16_nodes_shows_papers_figures() -> None:
     assert "paper" in shown(scene()).lower()
     few = shown(scene(), nodes=3)
     assert "this run has 3" in few
@@ -165,7 +165,7 @@ def test_nodes_have_their_natural_order_in_every_chart() -> None:
     assert [name for name in rows if name in names] == bars == table == names
 
 
-def test_the_numbers_of_a_column_have_equally_many_decimals() -> None:
+def test_numbers_of_column_have_equally_many_decimals() -> None:
     nodes = (
         NodeFigures(platform="uav1", kind=PlatformKind.UAV, egress_kbps=1.3, cpu_percent=6.0, restarts=0),
         NodeFigures(platform="uav2", kind=PlatformKind.UAV, egress_kbps=12.345, cpu_percent=0.25, restarts=2),
@@ -217,14 +217,14 @@ def test_the_replay_has_every_position_within_a_centimetre() -> None:
     assert not ((t_s > 10) & (t_s < 14)).any(), "a hole stays a hole"
 
 
-def test_the_page_of_16_nodes_and_90_seconds_is_small_and_a_long_flight_is_thinned_out() -> None:
+def test_page_is_small_and_long_flight_thinned() -> None:
     assert len(shown(vehicles(15, 90.0)).encode()) < 2_000_000
     long = vehicles(30, 1200.0)
     assert replay.step_ms(long) == 800
     assert len(replay.encoded(long)) < 1_500_000
 
 
-def test_equal_links_are_a_sentence_and_different_ones_a_matrix() -> None:
+def test_equal_links_are_sentence_and_different_ones_matrix() -> None:
     names = [node.platform for node in scene().nodes]
     pairs = [(a, b) for a in names for b in names if a != b]
     equal = msgspec.structs.replace(
@@ -246,7 +246,7 @@ def test_equal_links_are_a_sentence_and_different_ones_a_matrix() -> None:
     ), "a missing link is shown"
 
 
-def test_datagrams_of_senders_that_were_not_accepted_are_counted_and_belong_to_no_link() -> None:
+def test_datagrams_of_refused_senders_belong_to_no_link() -> None:
     assert "belong to no link" not in shown(scene())
     found = shown(msgspec.structs.replace(scene(), unaccepted=29))
     assert "29 datagrams belong to no link: their sender was not accepted" in found
@@ -266,7 +266,7 @@ def test_the_page_links_only_files_that_exist() -> None:
     assert {link for link in outline.links if not link.startswith("#")} == there
 
 
-def test_on_paper_the_page_is_a4_without_the_player_and_nothing_is_cut() -> None:
+def test_printed_page_is_a4_without_player() -> None:
     style = shown(scene()).partition("<style>")[2].partition("</style>")[0]
     assert re.search(r"@page \{ size: A4;", style)
     rules = re.findall(r"([^{}]+)\{([^{}]*)\}", style.partition("@media print {")[2])
@@ -302,7 +302,7 @@ def test_no_two_labels_overlap() -> None:
     assert not any(a.box.overlaps(b.box) for i, a in enumerate(placed) for b in placed[:i])
 
 
-def test_a_line_is_drawn_with_few_points_none_of_which_is_off() -> None:
+def test_line_has_few_points_within_tolerance() -> None:
     x = np.linspace(0, 500, 5000)
     points = np.stack([x, 100 * np.sin(x / 50)], axis=1)
     few = simplified(points, 0.25)

@@ -26,7 +26,7 @@ def compared(one: Flown, other: Flown) -> PathDifference:
     return found[0]
 
 
-def test_a_phase_that_begins_later_is_no_difference_and_a_path_aside_is() -> None:
+def test_later_phase_equals_and_path_aside_differs() -> None:
     found = compared(flown(2.0), flown(3.3, wait_s=0.7))
     assert found.same_time_rms_m < 0.01
     assert [phase.phase for phase in found.phases] == ["east", "north"]
@@ -36,7 +36,7 @@ def test_a_phase_that_begins_later_is_no_difference_and_a_path_aside_is() -> Non
     assert aside.max_m == pytest.approx(0.5, abs=0.05)
 
 
-def test_a_vehicle_that_is_late_within_a_phase_differs_in_time_only() -> None:
+def test_vehicle_late_within_phase_differs_in_time() -> None:
     one = flown(2.0)
     late = Flown(flown(2.5).track, one.phases)
     found = compared(one, late)
@@ -52,7 +52,7 @@ def test_a_missing_path_or_phase_has_no_difference() -> None:
     assert difference(flown(1.0), Flown(flown(1.0).track, {"elsewhere": 1.0})) is None
 
 
-def test_a_phase_is_a_block_that_is_active_alone_after_the_command() -> None:
+def test_phase_is_sole_active_block_after_command() -> None:
     def state(*active: str) -> MissionState:
         return MissionState(1, "", MissionPhase.RUNNING, active)
 
@@ -77,7 +77,7 @@ def test_the_distance_in_space_and_collisions_decide(
     assert DistributionReport((2.0, 8.0), 0.2, (one,)).misses() == missed
 
 
-def test_a_vehicle_on_one_computer_is_shown_and_not_judged() -> None:
+def test_vehicle_on_one_computer_is_not_judged() -> None:
     far = VehicleDifference("ugv1", ("main",), PathDifference(9.0, 9.0, 9.0, ()), (0, 0))
     gone = VehicleDifference("uav1", ("main", "nav", "fc"), None, (0, 0))
     assert DistributionReport((2.0, 8.0), 0.2, (far,)).misses() == []

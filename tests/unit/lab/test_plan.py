@@ -9,7 +9,7 @@ from swarmware.errors import InvalidInput
 @pytest.mark.parametrize(
     ("nodes", "expected"), [(16, (5, 10)), (6, (2, 3)), (4, (1, 2)), (3, (1, 1)), (50, (16, 33))]
 )
-def test_there_is_one_ground_vehicle_to_about_two_in_the_air(nodes: int, expected: tuple[int, int]) -> None:
+def test_one_third_of_vehicles_is_on_ground(nodes: int, expected: tuple[int, int]) -> None:
     assert plan.kinds(nodes) == expected
 
 
@@ -19,7 +19,7 @@ def test_a_number_that_makes_no_swarm_is_refused(nodes: int) -> None:
         plan.kinds(nodes)
 
 
-def test_the_same_seed_gives_the_same_swarm_and_another_seed_another() -> None:
+def test_same_seed_gives_same_swarm() -> None:
     assert plan.members(16, 7) == plan.members(16, 7)
     assert plan.members(16, 7) != plan.members(16, 8)
 
@@ -31,7 +31,7 @@ def test_clocks_differ_and_stay_within_what_is_promised() -> None:
     assert [m.platform for m in who][:3] == ["gcs", "ugv1", "ugv2"]
 
 
-def test_nodes_start_in_a_random_order_that_the_seed_repeats() -> None:
+def test_nodes_start_in_random_order_that_seed_repeats() -> None:
     who = [member.platform for member in plan.members(16, 1)]
     orders = {tuple(plan.start_order(who, seed)) for seed in range(20)}
     assert len(orders) == 20
@@ -47,7 +47,7 @@ def test_surface_vessels_are_asked_for_by_number() -> None:
             plan.members(6, 1, wrong)
 
 
-def test_a_process_for_each_service_on_any_of_the_nodes() -> None:
+def test_process_for_each_service_on_any_of_nodes() -> None:
     who = plan.members(4, 1)
     assert plan.per_daemon(None, who) == frozenset()
     assert plan.per_daemon("all", who) == {"gcs", "ugv1", "uav1", "uav2"}
@@ -56,7 +56,7 @@ def test_a_process_for_each_service_on_any_of_the_nodes() -> None:
         plan.per_daemon("uav1,usv9", who)
 
 
-def test_airframes_are_given_to_all_air_vehicles_or_to_some() -> None:
+def test_airframes_go_to_all_or_some_vehicles() -> None:
     who = plan.members(4, 1)
     assert plan.airframes((), who) == {}
     assert plan.airframes(("helicopter",), who) == {"uav1": "helicopter", "uav2": "helicopter"}
@@ -76,7 +76,7 @@ def test_only_vehicles_are_distributed_over_computers() -> None:
             plan.distributed(wrong, who)
 
 
-def test_further_services_are_those_that_are_installed_and_not_there_anyway() -> None:
+def test_further_services_are_installed_and_not_standard() -> None:
     usual = {"broker", "tree"}
     assert plan.extra_services((), usual) == ()
     assert plan.extra_services(("files", "tree", "files"), usual) == ("files",)

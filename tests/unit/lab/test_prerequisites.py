@@ -9,7 +9,7 @@ from swarmlab.provision.prerequisites import NODE_BYTES, check_shared_memory
 from swarmware.errors import SwarmError
 
 
-def test_shared_memory_without_room_for_all_nodes_is_refused_with_the_bytes(
+def test_small_shared_memory_is_refused_with_bytes(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     total, free = 64 << 20, 3 * NODE_BYTES + 1000

@@ -46,7 +46,7 @@ def start(made: list[Popen], mark: str, *code: str) -> ProcessIdentity:
     return processes.identity(process.pid)
 
 
-def test_a_process_lives_until_it_is_ended_and_a_zombie_is_dead(started: list[Popen], tmp_path: Path) -> None:
+def test_process_lives_until_ended_and_zombie_is_dead(started: list[Popen], tmp_path: Path) -> None:
     who = start(started, str(tmp_path), WAIT)
     assert who.alive()
     who.send(signal.SIGTERM)
@@ -55,7 +55,7 @@ def test_a_process_lives_until_it_is_ended_and_a_zombie_is_dead(started: list[Po
     assert not who.alive()
 
 
-def test_another_process_with_the_same_pid_is_not_it(started: list[Popen], tmp_path: Path) -> None:
+def test_another_process_with_same_pid_is_not_it(started: list[Popen], tmp_path: Path) -> None:
     who = start(started, str(tmp_path), WAIT)
     later = ProcessIdentity(who.pid, who.start_ticks + 1)
     assert not later.alive()
@@ -68,9 +68,7 @@ def test_a_pid_that_nobody_has_is_dead() -> None:
     assert not ProcessIdentity(0, 0).alive()
 
 
-def test_everything_a_lab_started_is_found_and_ended_even_grandchildren_in_sessions_of_their_own(
-    started: list[Popen], tmp_path: Path
-) -> None:
+def test_all_lab_processes_are_found_and_ended(started: list[Popen], tmp_path: Path) -> None:
     parent = start(started, str(tmp_path), FAMILY, WAIT)
     other = start(started, str(tmp_path) + "x", WAIT)
     assert len(processes.marked(str(tmp_path))) == 2
@@ -79,7 +77,7 @@ def test_everything_a_lab_started_is_found_and_ended_even_grandchildren_in_sessi
     assert other.alive(), "another lab's process is left alone"
 
 
-def test_a_process_that_ignores_the_polite_signal_is_forced(started: list[Popen], tmp_path: Path) -> None:
+def test_process_that_ignores_polite_signal_is_forced(started: list[Popen], tmp_path: Path) -> None:
     who = start(started, str(tmp_path), STUBBORN)
     assert processes.end([who], str(tmp_path), grace_s=0.1) == 1
     assert not who.alive()

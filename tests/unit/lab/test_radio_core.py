@@ -24,7 +24,7 @@ def radio(**changes: Any) -> RadioModel:
     )
 
 
-def test_a_unicast_frame_arrives_at_its_receiver_and_a_broadcast_at_all_others() -> None:
+def test_unicast_reaches_receiver_and_broadcast_all_others() -> None:
     rig = RadioRig()
     rig.send("gcs", "uav1", 0)
     rig.send("ugv1", None, SECOND)
@@ -46,7 +46,7 @@ def test_a_frame_to_its_sender_arrives_nowhere() -> None:
     assert rig.core.deadline_ns() is None
 
 
-def test_a_frame_takes_its_airtime_then_the_delay_of_the_radio() -> None:
+def test_frame_takes_its_airtime_then_delay_of_radio() -> None:
     rig = RadioRig(radio(overhead_s=0.002, delay_s=0.003))
     rig.send("gcs", "ugv1", 0)
     rig.until(SECOND)
@@ -54,7 +54,7 @@ def test_a_frame_takes_its_airtime_then_the_delay_of_the_radio() -> None:
     assert rig.report("gcs", "ugv1").delay_s == pytest.approx(0.006)
 
 
-def test_nodes_in_range_of_each_other_transmit_one_after_the_other_the_oldest_frame_first() -> None:
+def test_nodes_in_range_transmit_in_turn() -> None:
     rig = RadioRig(radio())
     rig.send("gcs", "ugv1", 0)
     rig.send("uav1", "gcs", 100)
@@ -67,7 +67,7 @@ def test_nodes_in_range_of_each_other_transmit_one_after_the_other_the_oldest_fr
     ]
 
 
-def test_nodes_out_of_range_of_each_other_transmit_at_the_same_time() -> None:
+def test_nodes_out_of_range_transmit_simultaneously() -> None:
     rig = RadioRig(radio(), names=("gcs", "ugv1", "uav1", "uav2"))
     rig.place(uav1=(5000, 0, 0), uav2=(5010, 0, 0))
     rig.send("gcs", "ugv1", 0)
@@ -84,7 +84,7 @@ def test_without_shared_air_each_node_transmits_for_itself() -> None:
     assert [at_ns for at_ns, _ in rig.arrived] == [MS, MS]
 
 
-def test_a_full_transmit_queue_drops_what_does_not_fit_and_counts_it() -> None:
+def test_full_transmit_queue_drops_and_counts() -> None:
     rig = RadioRig(radio(queue_bytes=2000))
     for _ in range(4):
         rig.send("gcs", "ugv1", 0)  # the first is in the air at once, two wait
@@ -101,7 +101,7 @@ def test_a_late_timer_takes_nothing_from_the_throughput() -> None:
     assert len(rig.core.on_timer(10 * MS)) == 10, "ten kilobytes in ten milliseconds"
 
 
-def test_a_unicast_frame_is_repeated_until_it_is_received_and_costs_the_air_each_time() -> None:
+def test_unicast_repeats_until_received_and_costs_air() -> None:
     draws = iter([0.4, 0.4, 0.6])
     rig = RadioRig(radio(retries=3), chance=lambda: next(draws))
     rig.place(ugv1=(100, 0, 2))
@@ -110,7 +110,7 @@ def test_a_unicast_frame_is_repeated_until_it_is_received_and_costs_the_air_each
     assert [at_ns for at_ns, _ in rig.arrived] == [3 * MS]
 
 
-def test_a_unicast_frame_is_lost_after_its_last_repetition() -> None:
+def test_unicast_frame_is_lost_after_its_last_repetition() -> None:
     rig = RadioRig(radio(retries=2), chance=lambda: 0.4)
     rig.place(ugv1=(100, 0, 2))
     rig.send("gcs", "ugv1", 0)
@@ -120,7 +120,7 @@ def test_a_unicast_frame_is_lost_after_its_last_repetition() -> None:
     assert [at_ns for at_ns, _ in rig.arrived] == [4 * MS], "after three transmissions of the lost one"
 
 
-def test_a_broadcast_is_not_repeated_and_lost_for_each_receiver_alone() -> None:
+def test_broadcast_is_lost_per_receiver_without_repetition() -> None:
     draws = iter([0.4, 0.6])
     rig = RadioRig(radio(retries=7), chance=lambda: next(draws))
     rig.place(ugv1=(100, 0, 2), uav1=(-100, 0, 2))
@@ -131,7 +131,7 @@ def test_a_broadcast_is_not_repeated_and_lost_for_each_receiver_alone() -> None:
     assert rig.report("gcs", "ugv1").lost == 1
 
 
-def test_beyond_the_last_point_of_its_curve_a_link_is_out_of_range() -> None:
+def test_link_beyond_its_curve_is_out_of_range() -> None:
     rig = RadioRig(radio())
     rig.place(ugv1=(101, 0, 2))
     rig.send("gcs", "ugv1", 0)
@@ -143,7 +143,7 @@ def test_beyond_the_last_point_of_its_curve_a_link_is_out_of_range() -> None:
     assert rig.report("gcs", "ugv1").state == "up"
 
 
-def test_a_link_changes_with_the_positions_of_its_ends() -> None:
+def test_link_changes_with_positions_of_its_ends() -> None:
     rig = RadioRig(radio(air=(CURVE[0], CurvePoint(distance_m=200, rate_bit_s=4e6, loss_ratio=0.0))))
     rig.place(gcs=(0, 0, 0), ugv1=(30, 40, 0), uav1=(0, 0, 100))
     ground, air = rig.report("gcs", "ugv1"), rig.report("gcs", "uav1")
@@ -151,7 +151,7 @@ def test_a_link_changes_with_the_positions_of_its_ends() -> None:
     assert (air.distance_m, air.rate_bit_s, air.radio_loss_ratio) == (100, 6e6, 0)
 
 
-def test_a_cut_stops_both_kinds_of_frames_and_those_on_the_way_until_it_is_healed() -> None:
+def test_cut_stops_all_frames_until_healed() -> None:
     rig = RadioRig(radio(delay_s=1.0))
     rig.send("gcs", "ugv1", 0)
     rig.core.on_cut([rig.link("gcs", "ugv1")], SECOND // 2)
@@ -167,7 +167,7 @@ def test_a_cut_stops_both_kinds_of_frames_and_those_on_the_way_until_it_is_heale
     assert rig.receivers()[-1] == "ugv1"
 
 
-def test_an_impairment_adds_loss_and_delay_and_only_what_is_named_changes() -> None:
+def test_impairment_adds_named_loss_and_delay_only() -> None:
     rig = RadioRig(chance=lambda: 0.29)
     link = [rig.link("gcs", "uav1")]
     rig.core.on_impairment(link, ImpairmentChange(delay_s=0.05), 0)
@@ -187,7 +187,7 @@ def test_an_impairment_adds_loss_and_delay_and_only_what_is_named_changes() -> N
     assert rig.arrived[-1][0] == 2 * SECOND + 8000
 
 
-def test_a_limited_rate_delays_frames_and_drops_those_beyond_its_queue() -> None:
+def test_limited_rate_delays_and_drops_beyond_queue() -> None:
     rig = RadioRig()
     rig.core.on_impairment([rig.link("gcs", "ugv1")], ImpairmentChange(rate_bit_s=80_000), 0)
     for _ in range(70):
@@ -232,7 +232,7 @@ def test_the_mean_delay_follows_the_last_frames() -> None:
     assert rig.report("gcs", "ugv1").delay_s == pytest.approx(0.1, rel=0.02)
 
 
-def test_the_share_of_lost_frames_is_the_one_that_was_set() -> None:
+def test_share_of_lost_frames_is_as_set() -> None:
     rig = RadioRig()
     rig.core.on_impairment([rig.link("gcs", "ugv1")], ImpairmentChange(loss_ratio=0.3), 0)
     for number in range(4000):
@@ -257,7 +257,7 @@ SENT = st.tuples(
     st.floats(0, 1),
     st.integers(0, 1 << 16),
 )
-def test_each_frame_arrives_once_and_in_order_or_is_counted_where_it_ended(
+def test_each_frame_arrives_once_or_is_counted(
     sent: list[tuple[str, str | None, int, int]], places: list[tuple[str, float]], loss: float, seed: int
 ) -> None:
     model = radio(queue_bytes=6000, retries=2, jitter_s=0.01, delay_s=0.001)
@@ -296,7 +296,7 @@ def test_a_cell_never_carries_more_than_its_rate(sizes: list[int], nodes: int) -
     assert rig.arrived[-1][0] == sum(sizes) * 1000, "and it is never idle while a frame waits"
 
 
-def test_a_model_without_curves_carries_all_frames_at_any_distance() -> None:
+def test_model_without_curves_carries_any_distance() -> None:
     rig = RadioRig(PLAIN)
     rig.place(ugv1=(90_000, 0, 0))
     rig.send("gcs", "ugv1", 0)

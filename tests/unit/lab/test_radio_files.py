@@ -23,7 +23,7 @@ def goodput(distance_m: float, *, flies: bool) -> float:
     return quality.rate_bit_s * (1 - quality.loss_ratio)
 
 
-def test_the_curves_of_air_and_ground_of_the_s3_radio_cross_at_160_m() -> None:
+def test_s3_radio_curves_cross_at_160_m() -> None:
     for distance_m in range(0, 160, 10):
         assert goodput(distance_m, flies=True) < goodput(distance_m, flies=False)
     assert goodput(160, flies=True) == goodput(160, flies=False)
@@ -32,7 +32,7 @@ def test_the_curves_of_air_and_ground_of_the_s3_radio_cross_at_160_m() -> None:
 
 
 @pytest.mark.parametrize("flies", [False, True])
-def test_a_link_of_the_s3_radio_is_usable_to_350_m_and_gone_a_little_later(flies: bool) -> None:
+def test_s3_radio_link_is_usable_to_350_m(flies: bool) -> None:
     at_limit, beyond = s3().quality(350, 0, flies=flies), s3().quality(403, 0, flies=flies)
     assert at_limit.rate_bit_s >= 1e6
     assert at_limit.loss_ratio <= 0.4
@@ -47,7 +47,7 @@ def test_the_lan_radio_loses_nothing_at_any_distance() -> None:
     assert (quality.rate_bit_s, quality.loss_ratio) == (1e9, 0)
 
 
-def test_an_unknown_radio_is_refused_with_the_known_ones(tmp_path: Path) -> None:
+def test_unknown_radio_is_refused_with_known_ones(tmp_path: Path) -> None:
     with pytest.raises(NotFound, match=r"--radio s4: .*s4\.toml: no such file; expected one of lan, s3"):
         find_radio("s4")
     own = tmp_path / "own.toml"
@@ -67,7 +67,7 @@ def test_an_unknown_radio_is_refused_with_the_known_ones(tmp_path: Path) -> None
         (HEAD + 'trace = {file = "x.csv"}', r"x\.csv: no such file; expected a recorded link as CSV"),
     ],
 )
-def test_a_mistake_in_a_radio_file_is_named_with_its_file(tmp_path: Path, text: str, error: str) -> None:
+def test_mistake_in_radio_file_is_named(tmp_path: Path, text: str, error: str) -> None:
     path = tmp_path / "own.toml"
     path.write_text(text if text else 'description = "d"')
     with pytest.raises(ConfigError, match=error) as caught:
@@ -99,9 +99,7 @@ def test_points_out_of_order_are_refused(tmp_path: Path) -> None:
         (CSV + "0,1,0,0\n", r"link\.csv: line 2: key rate_bit_s: expected"),
     ],
 )
-def test_a_mistake_in_a_recorded_link_is_named_with_file_and_line(
-    tmp_path: Path, rows: str, error: str
-) -> None:
+def test_mistake_in_recorded_link_names_line(tmp_path: Path, rows: str, error: str) -> None:
     (tmp_path / "link.csv").write_text(rows)
     (tmp_path / "own.toml").write_text(HEAD + 'trace = {file = "link.csv"}')
     with pytest.raises(ConfigError, match=error):
@@ -115,7 +113,7 @@ def recorded(folder: Path, by: str) -> RadioRig:
     return RadioRig(model, trace=trace)
 
 
-def test_a_recorded_link_by_distance_is_a_curve_through_the_means_of_its_rows(tmp_path: Path) -> None:
+def test_recorded_link_by_distance_is_curve_of_means(tmp_path: Path) -> None:
     rig = recorded(tmp_path, "distance")
     rig.place(gcs=(0, 0, 0), ugv1=(200, 0, 0), uav1=(301, 0, 0))
     half = rig.report("gcs", "ugv1")
@@ -124,7 +122,7 @@ def test_a_recorded_link_by_distance_is_a_curve_through_the_means_of_its_rows(tm
     assert rig.report("gcs", "uav1").state == "out of range"
 
 
-def test_a_recorded_link_by_time_is_replayed_and_keeps_its_last_row(tmp_path: Path) -> None:
+def test_recorded_link_by_time_keeps_last_row(tmp_path: Path) -> None:
     rig = recorded(tmp_path, "time")
     found = []
     for second in (0, 9, 10, 19, 25):

@@ -33,7 +33,7 @@ def rights(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(provisioning, "check_rights", lambda: True)
 
 
-def test_each_node_gets_an_address_and_a_namespace_of_its_own(rights: None) -> None:
+def test_each_node_gets_own_address_and_namespace(rights: None) -> None:
     lab = provisioning.make(SPEC)
     try:
         assert [node.address for node in lab.nodes] == ["10.83.0.1", "10.83.0.2", "10.83.0.3"]
@@ -49,7 +49,7 @@ def test_each_node_gets_an_address_and_a_namespace_of_its_own(rights: None) -> N
         provisioning.remove(lab)
 
 
-def test_loggers_behind_a_radio_reach_the_database_by_a_socket_of_the_lab(rights: None) -> None:
+def test_loggers_behind_radio_reach_database_by_socket(rights: None) -> None:
     lab = provisioning.make(msgspec.structs.replace(SPEC, mongodb_uri="mongodb://127.0.0.1:27018"))
     try:
         assert lab.mongodb_uri == "mongodb://127.0.0.1:27018", "commands of the operator need no socket"
@@ -80,7 +80,7 @@ def test_on_loopback_nodes_have_neither(rights: None) -> None:
         ({"net": "relay"}, InvalidInput, "expected one of loopback, netns"),
     ],
 )
-def test_options_that_contradict_each_other_are_refused_before_anything_is_made(
+def test_contradicting_options_are_refused_first(
     rights: None, folder: Path, changes: dict[str, str], error: type[Exception], words: str
 ) -> None:
     with pytest.raises(error, match=words):
@@ -88,7 +88,7 @@ def test_options_that_contradict_each_other_are_refused_before_anything_is_made(
     assert list(folder.iterdir()) == []
 
 
-def test_what_is_missing_for_namespaces_is_named_with_what_to_do(
+def test_missing_namespace_prerequisite_is_named_with_remedy(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(namespace, "_TUN", str(tmp_path / "tun"))
@@ -101,7 +101,7 @@ def test_what_is_missing_for_namespaces_is_named_with_what_to_do(
     assert list(folder.iterdir()) == []
 
 
-def test_without_capabilities_and_user_namespaces_the_lab_is_denied(
+def test_lab_without_capabilities_and_namespaces_is_denied(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(namespace, "_CAPABILITIES", {"CAP_OF_TOMORROW": 63})
@@ -112,7 +112,7 @@ def test_without_capabilities_and_user_namespaces_the_lab_is_denied(
     assert list(folder.iterdir()) == []
 
 
-def test_without_capabilities_nodes_enter_a_user_namespace_as_well(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nodes_without_capabilities_enter_user_namespace(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(namespace, "_CAPABILITIES", {"CAP_OF_TOMORROW": 63})
     monkeypatch.setattr(namespace, "_TUN", "/dev/null")
     monkeypatch.setattr(namespace, "_PROBE", ("true",))
@@ -130,9 +130,7 @@ def test_the_command_of_a_run_names_the_radio() -> None:
     assert "--net netns --seed 1 --radio lan" in run_command(spec, 60, Path("out"))
 
 
-def test_a_radio_that_a_dead_lab_left_is_ended_when_its_name_is_used_again(
-    rights: None, folder: Path
-) -> None:
+def test_radio_of_dead_lab_ends_at_reuse(rights: None, folder: Path) -> None:
     spec = msgspec.structs.replace(SPEC, name="dead")
     dead = provisioning.make(spec)
     gone = processes.ProcessIdentity(1, 1)
@@ -151,7 +149,7 @@ def test_a_radio_that_a_dead_lab_left_is_ended_when_its_name_is_used_again(
     provisioning.remove(again)
 
 
-def test_capabilities_of_this_process_are_enough_when_it_has_all(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_capabilities_of_process_are_sufficient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(namespace, "_CAPABILITIES", {})
     monkeypatch.setattr(namespace, "_TUN", "/dev/null")
     assert check_rights()

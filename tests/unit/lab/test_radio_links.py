@@ -117,7 +117,7 @@ def directions(text: io.StringIO) -> list[str]:
     return [f"{link['sender']}>{link['receiver']}" for link in json.loads(text.getvalue())["links"]]
 
 
-def test_an_impairment_is_set_in_both_directions_and_shown(radio: ServedRadio) -> None:
+def test_impairment_is_set_in_both_directions_and_shown(radio: ServedRadio) -> None:
     out, text = output()
     links.impair("uav1", "gcs", ImpairmentChange(loss_ratio=0.3), out, one_way=False)
     found: dict[str, Any] = json.loads(text.getvalue())
@@ -126,14 +126,14 @@ def test_an_impairment_is_set_in_both_directions_and_shown(radio: ServedRadio) -
     assert [link["impairment"]["loss_ratio"] for link in found["links"]] == [0.3, 0.3]
 
 
-def test_one_way_impairs_only_the_direction_that_is_named(radio: ServedRadio) -> None:
+def test_one_way_impairs_named_direction_only(radio: ServedRadio) -> None:
     out, text = output()
     links.cut("uav1", "gcs", out, one_way=True)
     assert directions(text) == ["uav1>gcs"]
     assert radio.rig.report("gcs", "uav1").state == "up"
 
 
-def test_without_options_nothing_is_changed_and_without_names_all_links_are_shown(
+def test_missing_options_change_nothing_and_show_all(
     radio: ServedRadio,
 ) -> None:
     out, text = output()
@@ -142,7 +142,7 @@ def test_without_options_nothing_is_changed_and_without_names_all_links_are_show
     assert [type(order).__name__ for order in radio.got] == ["ReadLinks"]
 
 
-def test_a_platform_means_all_its_computers_and_patterns_are_understood(radio: ServedRadio) -> None:
+def test_platform_means_all_computers_and_patterns_work(radio: ServedRadio) -> None:
     out, text = output()
     links.cut("uav2", "ugv1", out, one_way=True)
     assert directions(text) == ["uav2>ugv1", "uav2.nav>ugv1"]
@@ -151,7 +151,7 @@ def test_a_platform_means_all_its_computers_and_patterns_are_understood(radio: S
     assert directions(text) == ["uav1>gcs", "uav2>gcs", "uav2.nav>gcs"]
 
 
-def test_a_partition_cuts_what_is_between_groups_and_the_rest_is_one_more(radio: ServedRadio) -> None:
+def test_partition_cuts_between_groups_and_rest(radio: ServedRadio) -> None:
     out, text = output()
     links.partition(("uav1,uav2",), out)
     apart = {tuple(pair.split(">")) for pair in directions(text)}
@@ -170,7 +170,7 @@ def test_groups_that_overlap_or_hold_everything_are_refused(
         links.partition(groups, output()[0])
 
 
-def test_an_unknown_node_and_a_link_to_itself_are_refused(radio: ServedRadio) -> None:
+def test_unknown_node_and_link_to_itself_are_refused(radio: ServedRadio) -> None:
     with pytest.raises(NotFound, match="uav9"):
         links.cut("uav9", "", output()[0], one_way=False)
     with pytest.raises(InvalidInput, match="expected two different nodes"):
@@ -179,7 +179,7 @@ def test_an_unknown_node_and_a_link_to_itself_are_refused(radio: ServedRadio) ->
         orders.send(Path(labs.find("t").folder), CutLinks((("uav9", "gcs"),)))
 
 
-def test_a_table_has_what_was_set_in_the_words_of_the_command(radio: ServedRadio) -> None:
+def test_table_has_settings_in_words_of_command(radio: ServedRadio) -> None:
     text = io.StringIO()
     change = ImpairmentChange(loss_ratio=0.3, delay_s=0.05, jitter_s=0.01, rate_bit_s=250_000)
     out = Output(CliSettings(lab="t"), text, io.StringIO())
@@ -187,7 +187,7 @@ def test_a_table_has_what_was_set_in_the_words_of_the_command(radio: ServedRadio
     assert "loss 30 %, delay 50 ms, jitter 10 ms, rate 0.25 Mbit/s" in text.getvalue()
 
 
-def test_a_lab_without_a_radio_and_one_whose_radio_has_ended_are_named(folder: Path) -> None:
+def test_lab_without_running_radio_is_named(folder: Path) -> None:
     state = save_lab(folder, "")
     with pytest.raises(InvalidInput, match=r"has no radio; expected a lab started with --net netns"):
         links.heal("", "", output()[0])
@@ -199,9 +199,7 @@ def test_a_lab_without_a_radio_and_one_whose_radio_has_ended_are_named(folder: P
 @pytest.mark.parametrize(
     "data", [b"\n", b"{}\n", b'{"type": "fly"}\n', b"\xff\xfe\n", b'{"type":"cut"}\n', b""]
 )
-def test_bytes_that_are_no_order_are_refused_and_the_next_order_is_executed(
-    radio: ServedRadio, folder: Path, data: bytes
-) -> None:
+def test_invalid_order_is_refused_and_next_executed(radio: ServedRadio, folder: Path, data: bytes) -> None:
     with socket.socket(socket.AF_UNIX) as connection:
         connection.connect(str(folder / "t" / orders.SOCKET))
         connection.sendall(data)
@@ -224,7 +222,7 @@ def test_other_rates_are_refused(text: str) -> None:
         links.change(None, None, None, text)
 
 
-def test_a_loss_is_a_percentage_with_or_without_its_sign() -> None:
+def test_loss_is_percentage_with_or_without_its_sign() -> None:
     for text in ("30", "30%"):
         assert links.change(text, "50ms", "1s", None) == ImpairmentChange(
             loss_ratio=0.3, delay_s=0.05, jitter_s=1.0
@@ -243,7 +241,7 @@ def test_a_loss_is_a_percentage_with_or_without_its_sign() -> None:
         ((None, None, None, "500gbit"), "rate 500gbit: expected at most 100gbit"),
     ],
 )
-def test_an_impairment_that_the_radio_does_not_take_is_refused_before_it_is_sent(
+def test_impossible_impairment_is_refused_before_sending(
     options: tuple[str | None, str | None, str | None, str | None], message: str
 ) -> None:
     with pytest.raises(OutOfRange, match=message):

@@ -35,9 +35,7 @@ def test_a_missed_goal_fails_a_strict_run_only(folder: Path, capsys: pytest.Capt
     assert "missed: ready" in (folder / "report.html").read_text()
 
 
-def test_the_table_for_a_page_has_every_row_of_the_report(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_table_for_page_has_every_row_of_report(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     experiment.report(folder, Output(CliSettings()))
     capsys.readouterr()
     experiment.page_table(folder, Output(CliSettings()))
@@ -55,7 +53,7 @@ def test_a_folder_without_a_report_is_named(tmp_path: Path) -> None:
         experiment.page_table(tmp_path, Output(CliSettings()))
 
 
-def test_the_report_of_a_folder_without_a_merged_file_does_not_link_it(folder: Path) -> None:
+def test_report_without_merged_file_does_not_link_it(folder: Path) -> None:
     experiment.report(folder, Output(CliSettings()))
     assert 'href="run.mcap"' not in (folder / "report.html").read_text()
     (folder / "run.mcap").write_bytes(b"")

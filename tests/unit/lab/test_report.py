@@ -20,7 +20,7 @@ KEYS = json.loads(
 """The promised document; programs of others read these keys."""
 
 
-def test_the_documents_keys_are_those_promised_and_no_others() -> None:
+def test_documents_keys_are_those_promised_and_no_others() -> None:
     def shape(value: object) -> object:
         return {k: shape(v) for k, v in value.items()} if isinstance(value, dict) else None
 
@@ -28,7 +28,7 @@ def test_the_documents_keys_are_those_promised_and_no_others() -> None:
     assert list(report.rounded(GOOD)) == list(KEYS)
 
 
-def test_numbers_have_four_significant_digits_and_counts_have_all() -> None:
+def test_numbers_have_four_digits_and_counts_all() -> None:
     found = report.rounded(GOOD)
     assert (found["duration_s"], found["notifications"]) == (120.1, 123456)
     assert found["clock_error_us"] == {"p95": 22.26}
@@ -41,7 +41,7 @@ def test_the_table_shows_the_papers_figures_beside_ours() -> None:
         assert figure in text
 
 
-def test_a_figure_that_could_not_be_measured_is_a_dash_not_a_zero() -> None:
+def test_unmeasured_figure_is_dash_not_zero() -> None:
     nothing = msgspec.structs.replace(
         GOOD, min_separation_m=None, command_to_receipt_ms=Percentiles(), formation_error_m=MeanMax()
     )
@@ -49,13 +49,13 @@ def test_a_figure_that_could_not_be_measured_is_a_dash_not_a_zero() -> None:
     assert rows["minimum separation"] == rows["command to receipt"] == rows["formation error"] == "-"
 
 
-def test_a_collision_or_an_unfinished_mission_fails_the_experiment() -> None:
+def test_collision_or_unfinished_mission_fails_experiment() -> None:
     assert report.shortfalls(GOOD) == []
     bad = msgspec.structs.replace(GOOD, completed=False, collisions=2)
     assert report.shortfalls(bad) == ["the mission was not completed", "2 collisions"]
 
 
-def test_goals_that_were_missed_are_named_with_the_goal() -> None:
+def test_goals_that_were_missed_are_named_with_goal() -> None:
     assert report.misses(GOOD) == []
     slow = msgspec.structs.replace(
         GOOD, ready_s=15.0, command_to_receipt_ms=Percentiles(8.5, 12.5, 13), bytes_per_notification=None
@@ -70,7 +70,7 @@ def test_goals_that_were_missed_are_named_with_the_goal() -> None:
     ]
 
 
-def test_a_run_of_another_size_is_not_set_beside_the_papers() -> None:
+def test_run_of_another_size_is_not_compared() -> None:
     few = msgspec.structs.replace(GOOD, nodes=4)
     text = fitted_table(report.columns(few), report.cells(few)).text + report.markdown(few)
     assert not any(figure in text for figure in ("paper", "56.07", "14.89", "1.31", "81 297", "11.95"))

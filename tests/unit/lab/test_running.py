@@ -77,7 +77,7 @@ async def start(rig: RunningLab, order: list[str], timeout_s: float = 20) -> Non
         rig.wait_children()
 
 
-def test_nodes_start_in_the_order_given_a_few_at_a_time_until_all_are_ready(
+def test_nodes_start_in_order_few_at_time(
     tmp_path: Path, node_program: dict[str, str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(running, "at_once", lambda: 2)
@@ -97,17 +97,13 @@ def test_nodes_start_in_the_order_given_a_few_at_a_time_until_all_are_ready(
     assert all(node.pid and node.pid_start for node in known.nodes), "whoever comes later can end them"
 
 
-def test_a_node_that_falls_over_is_named_with_the_end_of_its_log(
-    tmp_path: Path, node_program: dict[str, str]
-) -> None:
+def test_fallen_node_is_named_with_log_end(tmp_path: Path, node_program: dict[str, str]) -> None:
     node_program.update({"a": LATE, "b": FALLS})
     with pytest.raises(SwarmError, match=r"(?s)node b: ended with exit code 1.*no such world"):
         asyncio.run(start(RunningLab(lab(tmp_path, ["a", "b"])), ["a", "b"]))
 
 
-def test_the_log_of_a_fallen_node_is_named_where_it_will_be_found(
-    tmp_path: Path, node_program: dict[str, str]
-) -> None:
+def test_log_of_fallen_node_is_named(tmp_path: Path, node_program: dict[str, str]) -> None:
     node_program["b"] = FALLS
     rig = RunningLab(lab(tmp_path, ["b"]))
     rig.log_of = lambda node: Path("report/logs") / node.platform / node.log_file.name
@@ -142,9 +138,7 @@ def test_one_that_is_asked_to_end_is_noticed(tmp_path: Path, node_program: dict[
     assert asyncio.run(main()) == {"b"}
 
 
-def test_a_parent_that_was_killed_is_started_again_and_counts_from_the_beginning(
-    tmp_path: Path, node_program: dict[str, str]
-) -> None:
+def test_killed_parent_restarts_and_counts_anew(tmp_path: Path, node_program: dict[str, str]) -> None:
     words = r'b"X_RESTARTS=1\nX_REASON=signal 11", b"READY=1"'
     node_program["a"] = RESTARTS.format(words=words)
     seen: list[str] = []
@@ -181,7 +175,7 @@ def test_a_parent_that_was_killed_is_started_again_and_counts_from_the_beginning
 
 
 @pytest.mark.parametrize("ending", [False, True])
-def test_a_parent_that_dies_at_each_start_is_given_up_and_one_of_a_lab_that_ends_at_once(
+def test_parent_dying_at_each_start_is_abandoned(
     tmp_path: Path, node_program: dict[str, str], monkeypatch: pytest.MonkeyPatch, ending: bool
 ) -> None:
     monkeypatch.setattr(running, "RestartPolicy", partial(RestartPolicy, pauses_s=(0.0,)))
@@ -204,9 +198,7 @@ def test_a_node_gets_no_options_of_the_operator(tmp_path: Path, monkeypatch: pyt
     assert environment["NOTIFY_SOCKET"] == str(tmp_path / "a" / "notify")
 
 
-def test_a_restart_by_the_supervisor_is_announced_and_kept(
-    tmp_path: Path, node_program: dict[str, str]
-) -> None:
+def test_restart_by_supervisor_is_announced_and_kept(tmp_path: Path, node_program: dict[str, str]) -> None:
     word = r'b"X_RESTARTS=1\nX_REASON=signal 9", b"READY=1"'
     node_program["a"] = RESTARTS.format(words=word)
     rig = RunningLab(lab(tmp_path, ["a"]))
@@ -218,9 +210,7 @@ def test_a_restart_by_the_supervisor_is_announced_and_kept(
     assert rig.fallen == {}
 
 
-def test_work_goes_on_while_all_nodes_run_and_ends_with_the_first_that_does_not(
-    tmp_path: Path, node_program: dict[str, str]
-) -> None:
+def test_work_continues_while_all_nodes_run(tmp_path: Path, node_program: dict[str, str]) -> None:
     node_program.update({"a": READY, "b": READY})
 
     async def work(rig: RunningLab) -> str:

@@ -19,13 +19,13 @@ def line(
     return VehicleTrack(platform, t_s, xyz, yaw)
 
 
-def test_resampling_a_straight_line_is_exact_between_the_samples() -> None:
+def test_resampling_straight_line_is_exact_between_samples() -> None:
     track = line("a", (0, 0, 1), (2, 0, 0))
     got = tracks.resample(track, np.array([0.05, 3.33, 10.0]))
     assert np.allclose(got, np.array([[0.1, 0, 1], [6.66, 0, 1], [20, 0, 1]]))
 
 
-def test_nothing_is_interpolated_outside_the_recording_or_over_a_hole() -> None:
+def test_nothing_is_interpolated_outside_recording_or_over_hole() -> None:
     t_s = np.array([0.0, 1.0, 5.0, 6.0])
     track = VehicleTrack("a", t_s, np.zeros((4, 3)), np.zeros(4))
     got = tracks.resample(track, np.array([-0.1, 0.5, 1.0, 3.0, 5.0, 5.5, 6.1]))
@@ -56,7 +56,7 @@ def crossing() -> tuple[dict[str, Floats], Floats]:
     return {track.platform: tracks.resample(track, times) for track in vehicles}, times
 
 
-def test_the_closest_two_are_found_where_their_paths_cross() -> None:
+def test_closest_two_are_found_where_their_paths_cross() -> None:
     positions, times = crossing()
     found = tracks.closest(positions, times)
     assert found is not None
@@ -71,7 +71,7 @@ def test_vehicles_never_seen_at_once_have_no_separation() -> None:
     assert tracks.closest({"a": nan, "b": nan}, times) is None
 
 
-def test_overlapping_spheres_are_one_contact_at_the_first_instant() -> None:
+def test_overlapping_spheres_are_one_contact_at_first_instant() -> None:
     positions, times = crossing()
     radii = {"a": 0.3, "b": 0.3, "c": 0.3}
     (contact,) = tracks.touches(positions, radii, times)
@@ -80,7 +80,7 @@ def test_overlapping_spheres_are_one_contact_at_the_first_instant() -> None:
     assert not tracks.touches(positions, dict.fromkeys(radii, 0.2), times)
 
 
-def test_both_sides_reporting_the_same_touch_is_one_collision() -> None:
+def test_both_sides_reporting_same_touch_is_one_collision() -> None:
     contacts = [
         Contact(1.0, "a", "b"),
         Contact(1.1, "b", "a"),

@@ -14,7 +14,7 @@ from swarmware.model import document
 from swarmware.model.config import NodeConfig, load_node
 
 
-def test_the_services_of_a_distributed_vehicle_are_those_of_a_whole_one_each_on_one_computer(
+def test_services_of_distributed_vehicle_are_each_once(
     monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
     folder = tempfile.TemporaryDirectory()  # a socket's path has 107 bytes
@@ -46,7 +46,7 @@ def test_the_services_of_a_distributed_vehicle_are_those_of_a_whole_one_each_on_
         provisioning.remove(lab)
 
 
-def test_an_airframe_is_that_of_its_vehicle_and_an_aircraft_brings_its_world(
+def test_airframe_follows_vehicle_and_aircraft_world(
     monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
     folder = tempfile.TemporaryDirectory()

@@ -25,7 +25,7 @@ def scan(rows: Any, roll_rad: float = 0.0, pitch_rad: float = 0.0, **settings: f
     return ObstacleModel(config).ranges(np.asarray(rows, "f4"), roll_rad, pitch_rad)
 
 
-def test_a_wall_ahead_is_near_in_front_and_nowhere_behind() -> None:
+def test_wall_ahead_is_near_only_in_front() -> None:
     found = scan(points(wall(5.0)))
     assert found.angle_min_rad == 0.0
     assert found.angle_step_rad == pytest.approx(math.radians(10))
@@ -37,7 +37,7 @@ def test_a_wall_ahead_is_near_in_front_and_nowhere_behind() -> None:
     assert found.ranges_m[10:27] == (100.0,) * 17
 
 
-def test_the_ground_is_no_obstacle_also_when_the_vehicle_tilts() -> None:
+def test_ground_is_no_obstacle_also_when_vehicle_tilts() -> None:
     flat = points(ground(1.0))
     assert min(scan(flat).ranges_m) == 100.0
     pitch = math.radians(12.0)
@@ -54,7 +54,7 @@ def test_fewer_points_than_an_obstacle_has_are_dust(echoes: int, distance_m: flo
     assert scan([*dust, *tree], echoes=echoes).ranges_m[0] == pytest.approx(distance_m, abs=0.1)
 
 
-def test_points_of_the_vehicle_and_beyond_its_reach_and_height_are_left_out() -> None:
+def test_points_outside_reach_or_height_are_ignored() -> None:
     rows = [(0.5, 0.0, 0.0)] * 5 + [(30.0, 0.0, 0.0)] * 5 + [(4.0, 0.0, 2.0)] * 5 + [(4.0, 0.0, -1.0)] * 5
     assert scan(rows, max_m=20.0).ranges_m[0] == 20.0
     assert scan(rows, max_m=40.0).ranges_m[0] == 30.0

@@ -72,7 +72,7 @@ async def test_distances_follow_a_recording_and_two_threads_work(tmp_path: Path)
         assert {"lidar-points", "lidar-obstacles"} <= names
 
 
-async def test_the_attitude_of_the_vehicle_makes_the_points_level(tmp_path: Path) -> None:
+async def test_attitude_of_vehicle_makes_points_level(tmp_path: Path) -> None:
     async with bench(tmp_path) as made:
         pose: BoardWriter[Pose] = made.other.writer("nav/pose", Pose)
         q = from_euler(0.0, 0.5, 0.0)
@@ -85,7 +85,7 @@ async def test_the_attitude_of_the_vehicle_makes_the_points_level(tmp_path: Path
         assert scan.ranges_m[0] != pytest.approx(5.0, abs=0.05)
 
 
-async def test_bytes_of_another_device_are_logged_and_the_next_turn_is_seen(
+async def test_foreign_bytes_are_logged_and_turn_seen(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with caplog.at_level(logging.WARNING, "swarm.lidar"):

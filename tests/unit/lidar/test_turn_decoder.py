@@ -26,7 +26,7 @@ def nearest(points: Any, x_m: float, y_m: float) -> float:
     return float(np.hypot(points[:, 0] - x_m, points[:, 1] - y_m).min())
 
 
-def test_a_wall_ahead_is_a_plane_of_points_in_front() -> None:
+def test_wall_ahead_is_plane_of_points_in_front() -> None:
     _, (first,) = decoded([*turn(wall(5.0)), turn(wall(5.0))[0]])
     assert first.points[:, 0] == pytest.approx(5.0, abs=0.01), "2 mm of distance and 0.01 degrees"
     assert nearest(first.points, 5.0, 3.0) < 0.1
@@ -36,13 +36,13 @@ def test_a_wall_ahead_is_a_plane_of_points_in_front() -> None:
     )
 
 
-def test_a_turn_begins_at_the_azimuth_that_points_forward() -> None:
+def test_turn_begins_at_azimuth_that_points_forward() -> None:
     _, (first, second) = decoded(turn(wall(5.0)) * 2, forward_deg=90.0)
     assert len(second.points) > len(first.points), "the first one was begun when the vehicle was started"
     assert second.points[:, 1] == pytest.approx(5.0, abs=0.01), "the wall is to the left of the vehicle"
 
 
-def test_the_points_are_the_same_whatever_the_packets_that_come_together() -> None:
+def test_points_are_same_whatever_packets_that_come_together() -> None:
     packets = turn(wall(5.0)) * 2
     one, other = (decoded(packets, batch)[1][0].points for batch in (16, 75))
     assert np.abs(one - other).max() < 0.02
@@ -57,7 +57,7 @@ def test_a_real_recording_has_ten_turns_a_second() -> None:
     assert [one.stamp_ns for one in turns] == sorted(one.stamp_ns for one in turns)
 
 
-def test_packets_of_another_device_are_counted_and_left_out() -> None:
+def test_foreign_packets_are_counted_and_ignored() -> None:
     good = turn(wall(5.0))
     broken = bytes(2) + good[3][2:]
     decoder, turns = decoded([*good[:3], b"", b"x" * 500, bytes(PACKET), broken, *good[3:], good[0]])

@@ -65,7 +65,7 @@ def drain(forwarder: LogForwarder) -> None:
     raise AssertionError("never drained")
 
 
-def test_entries_arrive_over_segments_and_while_the_ring_grows(tmp_path: Path) -> None:
+def test_entries_arrive_over_segments_and_while_ring_grows(tmp_path: Path) -> None:
     ring = LogRing(tmp_path, segment_bytes=2000)
     store = Slots()
     forwarder = LogForwarder(tmp_path, "uav1", store, batch=7)
@@ -79,7 +79,7 @@ def test_entries_arrive_over_segments_and_while_the_ring_grows(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("seed", range(50))
-def test_no_gap_and_no_duplicate_whatever_fails_and_whoever_restarts(tmp_path: Path, seed: int) -> None:
+def test_failures_and_restarts_cause_no_gap_or_duplicate(tmp_path: Path, seed: int) -> None:
     chance = random.Random(seed)
     ring = LogRing(tmp_path, segment_bytes=3000)
     store = Slots()
@@ -110,7 +110,7 @@ def test_no_gap_and_no_duplicate_whatever_fails_and_whoever_restarts(tmp_path: P
     assert len(store.slots) == written
 
 
-def test_what_the_ring_overwrote_before_it_was_stored_is_a_gap_with_its_size(tmp_path: Path) -> None:
+def test_overwritten_entries_are_gap_with_size(tmp_path: Path) -> None:
     ring = LogRing(tmp_path, segment_bytes=2000, ring_bytes=8000, min_free_bytes=0)
     store = Slots()
     forwarder = LogForwarder(tmp_path, "uav1", store, batch=50)
@@ -130,7 +130,7 @@ def test_what_the_ring_overwrote_before_it_was_stored_is_a_gap_with_its_size(tmp
     assert (gaps[0].first, gaps[0].last) == (11, 10 + gaps[0].count)
 
 
-def test_the_zeroed_end_of_a_segment_is_a_gap_of_damage_with_its_size(tmp_path: Path) -> None:
+def test_zeroed_segment_end_is_damage_gap(tmp_path: Path) -> None:
     ring = LogRing(tmp_path, segment_bytes=2000, ring_bytes=100_000, min_free_bytes=0)
     fill(ring, range(100))
     ring.flush()
@@ -148,7 +148,7 @@ def test_the_zeroed_end_of_a_segment_is_a_gap_of_damage_with_its_size(tmp_path: 
     assert len([e for e in store.slots.values() if e.queue == QUEUE]) == 150 - gap.count
 
 
-def test_a_batch_of_large_entries_is_bounded_by_its_bytes(tmp_path: Path) -> None:
+def test_batch_of_large_entries_is_byte_bounded(tmp_path: Path) -> None:
     ring = LogRing(tmp_path)
     for number in range(20):
         ring.append(CHANNEL, number, number, bytes(1 << 20))
@@ -173,7 +173,7 @@ class Narrow(Slots):
         super().write(entries, platform, cursor)
 
 
-def test_batches_that_a_slow_link_cannot_carry_in_time_become_smaller_for_a_while(
+def test_batches_shrink_on_slow_link_for_while(
     tmp_path: Path,
 ) -> None:
     ring = LogRing(tmp_path)

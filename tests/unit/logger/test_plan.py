@@ -28,7 +28,7 @@ def test_a_resource_is_logged_as_its_descriptor_says(
     assert (made.every_value, made.period_ns, made.module) == (every, period_ns, "me")
 
 
-def test_what_is_not_to_be_logged_has_no_track() -> None:
+def test_unlogged_resource_has_no_track() -> None:
     assert logged_resource(Resource(path="a/b", type="Int", log="none")) is None
     assert logged_resource(Resource(path="a/b", type="Int", log="0hz")) is None
     assert logged_resource(Resource(path="a", kind=Kind.BRANCH, log="all")) is None
@@ -46,7 +46,7 @@ def test_the_plan_follows_the_table() -> None:
     assert plan.update([faster]) == ([], [])
 
 
-def test_a_decimated_resource_keeps_its_rate_although_the_looks_are_late() -> None:
+def test_decimated_resource_keeps_rate_despite_late_checks() -> None:
     plan = SamplingPlan()
     plan.update([Resource(path="a", type="Int", log="10hz")])
     looks = [
@@ -56,7 +56,7 @@ def test_a_decimated_resource_keeps_its_rate_although_the_looks_are_late() -> No
     assert sum(plan.due("a", now_ns) for now_ns in looks) == 100
 
 
-def test_a_decimated_resource_waits_from_one_sample_to_the_next_and_others_never_do() -> None:
+def test_only_decimated_resource_waits_between_samples() -> None:
     plan = SamplingPlan()
     plan.update([Resource(path="a", type="Int", log="1hz"), Resource(path="b", type="Int", log="all")])
     assert not plan.waits("a", 0)
@@ -68,7 +68,7 @@ def test_a_decimated_resource_waits_from_one_sample_to_the_next_and_others_never
 
 
 @pytest.mark.parametrize("name", ["multirotor", "ugv", "usv"])
-def test_boards_system_state_and_mission_progress_of_a_vehicle_are_logged(name: str) -> None:
+def test_boards_state_and_mission_progress_are_logged(name: str) -> None:
     plan = SamplingPlan()
     opened, _ = plan.update(template.load(name, share_dir() / "templates").resources)
     tracks = {made.path: made for made in opened}

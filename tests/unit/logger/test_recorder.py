@@ -16,7 +16,7 @@ from swarmware.types.scalar import Int
 FRAME = Frame(FrameKind.EVENT, 7, stamp_ns=5, payload=registry.encode(Int(3)))
 
 
-def test_a_value_is_in_its_writers_queue_a_command_in_its_takers_and_a_gap_is_an_entry(
+def test_entry_is_queued_by_writer_or_taker(
     tmp_path: Path,
 ) -> None:
     book = Recorder(tmp_path, "uav1", Config())
@@ -41,7 +41,7 @@ def test_a_value_is_in_its_writers_queue_a_command_in_its_takers_and_a_gap_is_an
     assert (book.totals.frames, book.totals.missing) == (2, 4)
 
 
-def test_a_payload_that_cannot_be_read_is_kept_as_it_came(tmp_path: Path) -> None:
+def test_unreadable_payload_is_kept_unchanged(tmp_path: Path) -> None:
     book = Recorder(tmp_path, "uav1", Config())
     made = logged_resource(
         Resource(path="test/event", kind=ResourceKind.EVENT, type="Int", log="all", owner="planner")

@@ -24,7 +24,7 @@ def application(*resources: Resource, text: str = TEXT) -> Definitions:
     return Definitions("sonar#1", resources, {"Depth": text} if text else {})
 
 
-def test_a_resource_has_the_description_of_its_application_also_after_its_end() -> None:
+def test_resource_keeps_description_after_application_ends() -> None:
     types = TypeDescriptions()
     assert types.update([application(RESOURCE)]) == []
     found = types.found
@@ -32,14 +32,14 @@ def test_a_resource_has_the_description_of_its_application_also_after_its_end() 
     assert types.update([]) == [] and types.found is found, "no change: channels of the log stay"
 
 
-def test_an_application_without_a_description_replaces_one_that_had_it() -> None:
+def test_application_without_description_replaces_one_that_had_it() -> None:
     types = TypeDescriptions()
     types.update([application(RESOURCE)])
     types.update([application(RESOURCE, text="")])
     assert types.found == {}
 
 
-def test_an_invalid_or_too_long_description_is_reported_once_and_the_values_have_none() -> None:
+def test_invalid_description_is_reported_once() -> None:
     long = msgspec.json.encode(
         [[["Depth", [[f"field_{n}_{'x' * 150}", "float"] for n in range(500)], "", True]]]
     ).decode()
@@ -57,7 +57,7 @@ def test_no_more_than_the_newest_descriptions_are_kept() -> None:
     assert len(types.found) == KEPT and ("sonar/4", "Depth") not in types.found
 
 
-def test_the_log_has_the_fields_of_a_type_and_not_their_meaning() -> None:
+def test_log_has_fields_of_type_without_meaning() -> None:
     assert "Below the hull" in TEXT and "Depth of the water" in TEXT
     logged = logged_description(TEXT)
     assert "Below the hull" not in logged and "Depth of the water" in logged

@@ -56,7 +56,7 @@ def record(folder: Path) -> RecordFile:
 
 
 @pytest.mark.parametrize("stated", ["right", "of another start", "of nobody"])
-async def test_the_role_is_taken_over_when_its_holder_dies_whatever_it_has_written(
+async def test_role_is_taken_over_at_holders_death(
     tmp_path: Path, stated: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(role_module, "RETRY_S", (0.005, 0.01))
@@ -77,7 +77,7 @@ async def test_the_role_is_taken_over_when_its_holder_dies_whatever_it_has_writt
     file.close()
 
 
-async def test_a_holder_of_another_pid_namespace_is_tried_again_with_longer_pauses(
+async def test_holder_in_another_namespace_is_retried_slower(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pauses: list[float] = []
@@ -104,7 +104,7 @@ async def test_a_holder_of_another_pid_namespace_is_tried_again_with_longer_paus
     file.close()
 
 
-async def test_a_candidate_that_was_closed_takes_and_rings_nothing(tmp_path: Path) -> None:
+async def test_candidate_that_was_closed_takes_and_rings_nothing(tmp_path: Path) -> None:
     log: list[str] = []
     role = candidate(tmp_path, log)
     role.start()
@@ -132,7 +132,7 @@ async def test_the_number_of_the_role_only_grows(tmp_path: Path) -> None:
     file.close()
 
 
-async def test_who_volunteers_and_dies_before_it_has_the_role_keeps_nobody_from_it(tmp_path: Path) -> None:
+async def test_volunteer_dying_early_blocks_no_one(tmp_path: Path) -> None:
     file = record(tmp_path)
     (tmp_path / "unrelated").touch()
     with other_process(tmp_path / "unrelated") as process:
@@ -153,7 +153,7 @@ def remove(folder: Path) -> None:
     (folder / LOCK_NAME).unlink()
 
 
-async def test_the_holder_keeps_the_role_when_its_file_was_removed_and_the_others_follow(
+async def test_holder_keeps_role_without_its_file(
     tmp_path: Path,
 ) -> None:
     log: list[str] = []
@@ -195,7 +195,7 @@ async def test_of_two_holders_after_a_removal_one_stays(tmp_path: Path) -> None:
     former.close()
 
 
-async def test_the_preferred_holder_takes_the_role_back_from_a_newcomer(tmp_path: Path) -> None:
+async def test_preferred_holder_takes_role_back_from_newcomer(tmp_path: Path) -> None:
     former = candidate(tmp_path)
     former.start()
     former.volunteer("register#1")

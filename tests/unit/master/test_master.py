@@ -43,7 +43,7 @@ async def table_where(module: Module, wanted: Callable[[set[str]], bool]) -> App
     return table
 
 
-async def test_who_comes_and_who_leaves_is_in_the_next_table_which_is_a_later_one(tmp_path: Path) -> None:
+async def test_arrivals_and_departures_make_later_table(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         alone = await table_where(m, lambda names: names == {"planner"})
         async with Module("pilot", node=node) as pilot:
@@ -58,7 +58,7 @@ async def test_who_comes_and_who_leaves_is_in_the_next_table_which_is_a_later_on
         assert full.endpoint == node.messaging.address
 
 
-async def test_a_table_that_says_the_same_is_not_published_again(tmp_path: Path) -> None:
+async def test_table_that_says_same_is_not_published_again(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         alone = await table_where(m, lambda names: names == {"planner"})
         for path in ("sensor/a", "sensor/b", "sensor/c"):
@@ -68,7 +68,7 @@ async def test_a_table_that_says_the_same_is_not_published_again(tmp_path: Path)
         assert both.version == alone.version + 1
 
 
-async def test_a_holder_that_becomes_the_preferred_one_goes_on_counting_its_tables(tmp_path: Path) -> None:
+async def test_holder_becoming_preferred_continues_table_numbers(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         board = m.reader("register/apps", ApplicationTable)
         first = await table_where(m, lambda names: names == {"planner"})
@@ -80,7 +80,7 @@ async def test_a_holder_that_becomes_the_preferred_one_goes_on_counting_its_tabl
         assert table.version > first.version
 
 
-async def test_what_a_dead_process_left_is_set_aside_and_its_sockets_and_bells_go(tmp_path: Path) -> None:
+async def test_remains_of_dead_process_are_removed(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         apps = node.run_dir / "apps"
         file = apps / "pilot#1.toml"
@@ -127,7 +127,7 @@ def started(file: Path) -> "subprocess.Popen[bytes]":
     return child
 
 
-async def test_what_is_no_application_file_is_named_once_reported_and_removed(
+async def test_foreign_file_is_named_once_and_removed(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("swarmware.node.node.TEND_NS", 10_000_000)

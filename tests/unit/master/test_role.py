@@ -12,7 +12,7 @@ from swarmware.node.master.role import LOCK_NAME, LeaderCandidate
 from swarmware.runtime.pidfd import start_ticks
 
 
-def test_a_new_record_names_nobody_and_keeps_what_is_written(tmp_path: Path) -> None:
+def test_new_record_is_empty_and_keeps_contents(tmp_path: Path) -> None:
     record = RecordFile(tmp_path / LOCK_NAME)
     assert (record.holder(), record.requested_by()) == (NO_HOLDER, (0, 0))
     before = record.mark()
@@ -25,7 +25,7 @@ def test_a_new_record_names_nobody_and_keeps_what_is_written(tmp_path: Path) -> 
     other.close()
 
 
-def test_a_record_that_was_cut_is_an_empty_one_and_ends_nobody(tmp_path: Path) -> None:
+def test_truncated_record_is_empty_and_harmless(tmp_path: Path) -> None:
     record = RecordFile(tmp_path / LOCK_NAME)
     record.write_holder(Holder(7, 12, 345, "register#1"))
     os.truncate(tmp_path / LOCK_NAME, 0)
@@ -82,7 +82,7 @@ class Race:
             role.close()
 
 
-async def test_the_first_has_the_role_and_the_next_takes_over_with_a_higher_number(
+async def test_next_holder_takes_over_with_higher_number(
     tmp_path: Path,
 ) -> None:
     race = Race(tmp_path)
@@ -96,7 +96,7 @@ async def test_the_first_has_the_role_and_the_next_takes_over_with_a_higher_numb
     race.close()
 
 
-async def test_a_holder_that_becomes_the_preferred_one_keeps_the_role_and_its_number(tmp_path: Path) -> None:
+async def test_holder_becoming_preferred_keeps_its_number(tmp_path: Path) -> None:
     race = Race(tmp_path)
     role = race.join("a")
     race.join("b")
@@ -113,7 +113,7 @@ def as_another_process(role: LeaderCandidate) -> None:
     role._me = (os.getppid(), start_ticks(os.getppid()))
 
 
-async def test_a_stand_in_gives_the_role_up_for_the_preferred_process(tmp_path: Path) -> None:
+async def test_stand_in_gives_role_up_for_preferred_process(tmp_path: Path) -> None:
     race = Race(tmp_path)
     race.join("stand-in")
     register = race.join("register")
@@ -126,7 +126,7 @@ async def test_a_stand_in_gives_the_role_up_for_the_preferred_process(tmp_path: 
     race.close()
 
 
-async def test_who_is_not_preferred_waits_while_a_living_process_wants_a_role_that_is_free(
+async def test_unpreferred_process_waits_for_living_candidate(
     tmp_path: Path,
 ) -> None:
     race = Race(tmp_path)

@@ -41,7 +41,7 @@ def datagram(data_id: int, receiver_hw: int = HERE, *, flags: int = 0) -> Frame:
     return Frame(FrameKind.RTP, data_id, THERE, 9, receiver_hw, ANY, 1, flags=flags, payload=b"rtp")
 
 
-def test_a_datagram_is_handed_over_each_time_and_never_answered() -> None:
+def test_datagram_is_delivered_each_time_unanswered() -> None:
     router, frame = router_of_video(), datagram(DATAGRAMS)
     assert router.on_frame(frame, None, 0) == [Arrive(frame)]
     for _ in range(2):
@@ -51,7 +51,7 @@ def test_a_datagram_is_handed_over_each_time_and_never_answered() -> None:
 
 @pytest.mark.parametrize("data_id", [MESSAGES, REQUESTS, NOWHERE])
 @pytest.mark.parametrize("flags", [0, Flag.WANTS_ACK, Flag.URGENT])
-def test_no_datagram_reaches_a_handler_of_messages_or_requests(data_id: int, flags: int) -> None:
+def test_no_datagram_reaches_handler_of_messages_or_requests(data_id: int, flags: int) -> None:
     router, frame = router_of_video(), datagram(data_id, flags=flags)
     assert router.on_arrival(frame, None, 0) == []
     actions = router.on_frame(frame, VIA, 0)
@@ -59,7 +59,7 @@ def test_no_datagram_reaches_a_handler_of_messages_or_requests(data_id: int, fla
 
 
 @pytest.mark.parametrize("kind", [FrameKind.MESSAGE, FrameKind.REQUEST, FrameKind.NOTIFY])
-def test_a_message_or_request_to_a_handler_of_datagrams_is_refused(kind: FrameKind) -> None:
+def test_datagram_handler_refuses_messages_and_requests(kind: FrameKind) -> None:
     router = router_of_video()
     frame = Frame(kind, DATAGRAMS, THERE, 9, HERE, ANY, 1, flags=Flag.WANTS_ACK)
     (action,) = router.on_arrival(frame, VIA, 0)
@@ -67,7 +67,7 @@ def test_a_message_or_request_to_a_handler_of_datagrams_is_refused(kind: FrameKi
     assert action.frame.kind is FrameKind.ACK
 
 
-def test_datagrams_pass_to_other_processes_and_through_the_broker() -> None:
+def test_datagrams_pass_to_other_processes_and_through_broker() -> None:
     away = datagram(DATAGRAMS, THERE)
     assert router_of_video().route(away) == ToProcess(BROKER, away)
     assert router_of_video(gateway=True).route(away) == ToGateway(away)
@@ -75,7 +75,7 @@ def test_datagrams_pass_to_other_processes_and_through_the_broker() -> None:
     assert router_of_video().route(here) == ToProcess(OTHER, here)
 
 
-def test_a_datagram_that_nobody_takes_is_dropped_and_counted() -> None:
+def test_unreceived_datagram_is_dropped_and_counted() -> None:
     router, frame = router_of_video(), datagram(NOWHERE)
     assert router.route(frame) == Drop("unclaimed_datagrams")
     assert router.on_frame(frame, VIA, 0) == []

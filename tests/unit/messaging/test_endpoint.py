@@ -61,7 +61,7 @@ class Far:
         return [(frame.sequence, registry.decode(Ack, frame.payload).status) for frame in acks]
 
 
-async def test_a_message_that_comes_twice_is_given_once_and_acknowledged_each_time(tmp_path: Path) -> None:
+async def test_repeated_message_is_delivered_once_acknowledged_twice(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         far = Far(node)
         for sequence in (1, 2, 1, 1):
@@ -70,7 +70,7 @@ async def test_a_message_that_comes_twice_is_given_once_and_acknowledged_each_ti
         assert far.answers() == [(1, 0), (2, 0), (1, 0), (1, 0)]
 
 
-async def test_a_message_for_which_there_was_no_room_is_given_when_it_comes_again(tmp_path: Path) -> None:
+async def test_message_without_room_is_delivered_on_repetition(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         far = Far(node)
         far.full = True
@@ -83,9 +83,7 @@ async def test_a_message_for_which_there_was_no_room_is_given_when_it_comes_agai
 
 
 @pytest.mark.parametrize("kind", [FrameKind.MESSAGE, FrameKind.NOTIFY, FrameKind.STREAM])
-async def test_a_message_whose_lifetime_is_over_by_its_senders_clock_is_not_given(
-    tmp_path: Path, kind: FrameKind
-) -> None:
+async def test_message_past_senders_lifetime_is_dropped(tmp_path: Path, kind: FrameKind) -> None:
     async with tmp_node(tmp_path) as node:
         far = Far(node)
         node.messaging.add_clocks(far)
@@ -108,7 +106,7 @@ async def test_a_message_that_nobody_takes_is_answered_so(tmp_path: Path) -> Non
         assert far.answers() == [(1, int(Status.ABSENT))]
 
 
-async def test_an_answer_settles_its_message_and_a_refusal_on_the_way_says_where(tmp_path: Path) -> None:
+async def test_answer_settles_message_and_refusal_names_place(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         far = Far(node)
         waiting = node.messaging.send(Frame(FrameKind.MESSAGE, DATA, HERE, APP, THERE, sequence=1), 5.0)
@@ -126,7 +124,7 @@ async def test_an_answer_settles_its_message_and_a_refusal_on_the_way_says_where
         assert (await asked).body == b"yes"
 
 
-async def test_more_messages_than_the_window_are_refused_at_once_and_room_comes_back(tmp_path: Path) -> None:
+async def test_messages_beyond_window_are_refused_until_room(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         far = Far(node)
 
@@ -145,7 +143,7 @@ async def test_more_messages_than_the_window_are_refused_at_once_and_room_comes_
         assert not send(WINDOW + 1).done()
 
 
-async def test_without_an_answer_in_time_the_sender_learns_it(tmp_path: Path) -> None:
+async def test_sender_learns_of_missing_answer(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         Far(node)
         outcome = await node.messaging.send(
@@ -156,7 +154,7 @@ async def test_without_an_answer_in_time_the_sender_learns_it(tmp_path: Path) ->
             await node.messaging.request(Frame(FrameKind.REQUEST, DATA, HERE, APP, THERE, sequence=2), 0.02)
 
 
-async def test_an_answer_larger_than_any_value_is_an_error_of_its_request(tmp_path: Path) -> None:
+async def test_oversized_answer_is_error_of_its_request(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         node.messaging.add_application(APP)
         node.messaging.serve_requests(

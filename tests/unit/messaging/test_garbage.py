@@ -68,7 +68,7 @@ def test_no_bytes_of_another_process_break_it(sent: list[bytes]) -> None:
     asyncio.run(run())
 
 
-def test_what_is_not_a_frame_is_counted_by_its_reason(tmp_path: Path) -> None:
+def test_non_frame_is_counted_by_reason(tmp_path: Path) -> None:
     async def run() -> None:
         async with tmp_node(tmp_path) as node:
             answer = Frame(FrameKind.ACK, MESSAGES, 77, 1, HERE, 12345)

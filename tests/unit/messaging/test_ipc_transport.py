@@ -64,7 +64,7 @@ async def test_messages_and_answers_pass_in_order(tmp_path: Path) -> None:
             assert [(await here.next())[0] for _ in range(300)] == [b"to %d" % n for n in range(300)]
 
 
-async def test_the_last_answer_of_a_process_that_ends_arrives(tmp_path: Path) -> None:
+async def test_last_answer_of_process_that_ends_arrives(tmp_path: Path) -> None:
     async with processes(tmp_path, "a", "b") as (here, there):
         here.transport.send(there.address, b"question")
         _, back = await there.next()
@@ -88,7 +88,7 @@ def read_all(listener: socket.socket) -> list[bytes]:
     return received
 
 
-async def test_what_waits_at_the_end_is_still_sent_to_a_peer_that_takes_it(tmp_path: Path) -> None:
+async def test_pending_frames_are_sent_at_end(tmp_path: Path) -> None:
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(tmp_path / "peer"))
         listener.listen()
@@ -99,7 +99,7 @@ async def test_what_waits_at_the_end_is_still_sent_to_a_peer_that_takes_it(tmp_p
         assert await reading == [bytes((number,)) * 200_000 for number in range(20)]
 
 
-async def test_a_peer_that_does_not_read_holds_the_end_up_for_half_a_second(tmp_path: Path) -> None:
+async def test_unreading_peer_delays_end_half_second(tmp_path: Path) -> None:
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(tmp_path / "peer"))
         listener.listen()
@@ -111,7 +111,7 @@ async def test_a_peer_that_does_not_read_holds_the_end_up_for_half_a_second(tmp_
         assert not (tmp_path / "a").exists()
 
 
-async def test_frames_to_a_process_that_is_not_there_wait_in_a_bounded_queue(tmp_path: Path) -> None:
+async def test_frames_to_absent_process_wait_bounded(tmp_path: Path) -> None:
     async with processes(tmp_path, "a") as (here,):
         nobody = f"ipc://{tmp_path}/nobody"
         taken = sum(here.transport.send(nobody, b"x") for _ in range(3 * QUEUE_LIMIT))
@@ -122,7 +122,7 @@ async def test_frames_to_a_process_that_is_not_there_wait_in_a_bounded_queue(tmp
         assert taken == 8
 
 
-async def test_a_process_that_comes_later_gets_what_waited_with_the_urgent_first(tmp_path: Path) -> None:
+async def test_late_process_gets_queue_urgent_first(tmp_path: Path) -> None:
     async with processes(tmp_path, "a") as (here,):
         for number in range(500):
             here.transport.send(f"ipc://{tmp_path}/b", b"%d" % number)
@@ -132,7 +132,7 @@ async def test_a_process_that_comes_later_gets_what_waited_with_the_urgent_first
         assert received == [b"urgent", *(b"%d" % number for number in range(500))]
 
 
-async def test_urgent_frames_overtake_those_for_which_the_kernel_has_no_room(tmp_path: Path) -> None:
+async def test_urgent_frames_overtake_blocked_ones(tmp_path: Path) -> None:
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(tmp_path / "peer"))
         listener.listen()
@@ -147,7 +147,7 @@ async def test_urgent_frames_overtake_those_for_which_the_kernel_has_no_room(tmp
     assert [data[:1] for data in received if data != b"urgent"] == [bytes((n,)) for n in range(10)]
 
 
-async def test_a_way_to_a_process_that_has_left_is_closed_and_made_again(tmp_path: Path) -> None:
+async def test_way_to_departed_process_is_reopened(tmp_path: Path) -> None:
     async with processes(tmp_path, "a") as (here,):
         async with processes(tmp_path, "b") as (there,):
             here.transport.send(there.address, b"1")
@@ -161,7 +161,7 @@ async def test_a_way_to_a_process_that_has_left_is_closed_and_made_again(tmp_pat
             assert (await there.next())[0] == b"2"
 
 
-async def test_a_connection_that_broke_is_made_again_for_what_waits(tmp_path: Path) -> None:
+async def test_broken_connection_is_remade_for_queue(tmp_path: Path) -> None:
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(tmp_path / "peer"))
         listener.listen()
@@ -183,7 +183,7 @@ async def test_a_connection_that_broke_is_made_again_for_what_waits(tmp_path: Pa
         GREETING + b"\0\1x",
     ],
 )
-async def test_a_peer_that_speaks_something_else_is_counted_and_cut_off(tmp_path: Path, sent: bytes) -> None:
+async def test_peer_of_foreign_protocol_is_disconnected(tmp_path: Path, sent: bytes) -> None:
     async with processes(tmp_path, "a") as (here,):
         reader, writer = await asyncio.open_unix_connection(tmp_path / "a")
         writer.write(sent)
@@ -203,9 +203,7 @@ async def test_a_peer_that_says_nothing_is_cut_off(tmp_path: Path, monkeypatch: 
         writer.close()
 
 
-async def test_connections_beyond_the_limit_are_closed_and_the_others_are_served(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_connections_beyond_limit_are_closed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ipc_transport, "CONNECTIONS_MAX", 1)
     async with processes(tmp_path, "a", "b") as (here, there):
         here.transport.send(there.address, b"1")
@@ -219,7 +217,7 @@ async def test_connections_beyond_the_limit_are_closed_and_the_others_are_served
         assert (await there.next())[0] == b"2"
 
 
-async def test_without_a_free_descriptor_connections_wait_and_nothing_spins(
+async def test_connections_without_descriptor_wait_idle(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ipc_transport, "ACCEPT_PAUSE_S", 0.02)
@@ -245,7 +243,7 @@ async def test_without_a_free_descriptor_connections_wait_and_nothing_spins(
         assert len(attempts) <= 5
 
 
-async def test_an_exception_of_a_receiver_costs_no_other_message(tmp_path: Path) -> None:
+async def test_exception_of_receiver_costs_no_other_message(tmp_path: Path) -> None:
     loop = asyncio.get_running_loop()
     failures: list[object] = []
     loop.set_exception_handler(lambda _, context: failures.append(context["exception"]))
@@ -315,7 +313,7 @@ async def test_libzmq_talks_to_it_both_ways(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "address", ["tcp://127.0.0.1:1", "ipc://" + "x" * 300, "ipc://\0", "", "ipc://\ud800"]
 )
-async def test_an_address_that_is_none_costs_only_what_is_sent_there(tmp_path: Path, address: str) -> None:
+async def test_invalid_address_costs_only_its_frames(tmp_path: Path, address: str) -> None:
     async with processes(tmp_path, "a", "b") as (here, there):
         here.transport.send(address, b"x")
         here.transport.send(there.address, b"1")
@@ -324,6 +322,6 @@ async def test_an_address_that_is_none_costs_only_what_is_sent_there(tmp_path: P
         assert list(here.transport.peers) == [there.address]
 
 
-async def test_a_path_too_long_for_a_socket_says_so(tmp_path: Path) -> None:
+async def test_path_too_long_for_socket_says_so(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="shorter run_dir"):
         Process(tmp_path / ("x" * 107))

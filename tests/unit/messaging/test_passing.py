@@ -87,7 +87,7 @@ class Relay:
         return self.others[-1]
 
 
-async def test_a_frame_of_another_process_passes_as_the_bytes_that_came(tmp_path: Path) -> None:
+async def test_frame_of_another_process_passes_unchanged(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, other_process(tmp_path) as other:
         relay = Relay(node)
         for sequence in range(3):
@@ -98,7 +98,7 @@ async def test_a_frame_of_another_process_passes_as_the_bytes_that_came(tmp_path
         assert relay.own == []
 
 
-async def test_a_frame_that_passes_a_process_costs_a_handful_of_calls(tmp_path: Path) -> None:
+async def test_frame_that_passes_process_costs_handful_of_calls(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, other_process(tmp_path) as other:
         relay = Relay(node)
         other.send(node.messaging.address, encode(message(0)))
@@ -110,9 +110,7 @@ async def test_a_frame_that_passes_a_process_costs_a_handful_of_calls(tmp_path: 
 
 
 @pytest.mark.parametrize("kind", [FrameKind.MESSAGE, FrameKind.NOTIFY])
-async def test_a_message_to_another_platform_costs_its_sender_a_few_dozen_calls(
-    tmp_path: Path, kind: FrameKind
-) -> None:
+async def test_message_to_another_platform_costs_few_calls(tmp_path: Path, kind: FrameKind) -> None:
     async with tmp_node(tmp_path) as node, Module("sender", node=node) as module:
         relay = Relay(node)
         for _ in range(2):  # the first one makes the address
@@ -134,7 +132,7 @@ class CountedTable(AppTable):
         super().refresh(probe=probe)
 
 
-async def test_applications_are_looked_for_only_until_a_connection_to_the_receiver_stands(
+async def test_applications_are_sought_until_connection_exists(
     tmp_path: Path,
 ) -> None:
     config_dir = make_node(tmp_path)

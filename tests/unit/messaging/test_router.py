@@ -135,9 +135,7 @@ def test_where_a_frame_goes(frame: Frame, expected: object) -> None:
         (Frame(FrameKind.REPLY, MESSAGES, receiver_hw=HERE, receiver_app=OTHER_APP), False, True),
     ],
 )
-def test_the_applications_of_the_node_are_read_again_only_where_they_decide(
-    frame: Frame, gateway: bool, expected: bool
-) -> None:
+def test_applications_are_reread_only_where_decisive(frame: Frame, gateway: bool, expected: bool) -> None:
     router = make_router(gateway=gateway)
     assert router.needs_applications(frame) is expected
     before = router.route(frame)
@@ -146,7 +144,7 @@ def test_the_applications_of_the_node_are_read_again_only_where_they_decide(
 
 
 @pytest.mark.parametrize("broker", [None, OWN])
-def test_without_a_broker_what_is_for_another_platform_is_refused_and_answers_are_dropped(
+def test_messages_elsewhere_are_refused_without_broker(
     broker: str | None,
 ) -> None:
     router = make_router(broker=broker)
@@ -157,14 +155,14 @@ def test_without_a_broker_what_is_for_another_platform_is_refused_and_answers_ar
     assert router.route(answer) == Drop("unclaimed_answers")
 
 
-def test_with_a_gateway_all_that_is_for_another_platform_goes_there() -> None:
+def test_gateway_gets_all_messages_for_other_platforms() -> None:
     router = make_router(gateway=True)
     for frame in (question(MESSAGES, THERE), Frame(FrameKind.REPLY, 1, receiver_hw=THERE)):
         assert router.route(frame) == ToGateway(frame)
         assert router.on_frame(frame, VIA, 0) == [ToGateway(frame)]
 
 
-def test_a_frame_of_this_process_arrives_in_a_turn_of_its_own_and_one_of_another_at_once() -> None:
+def test_own_frame_arrives_later_and_foreign_at_once() -> None:
     router = make_router()
     frame = question(MESSAGES)
     assert router.on_message(frame, S, 0) == [Arrive(frame)]
@@ -172,7 +170,7 @@ def test_a_frame_of_this_process_arrives_in_a_turn_of_its_own_and_one_of_another
     assert router.on_frame(frame, VIA, 0) == [HandOver(frame, VIA, Takes.MESSAGES)]
 
 
-def test_a_refusal_goes_back_by_its_connection_or_by_the_table() -> None:
+def test_refusal_returns_by_connection_or_table() -> None:
     router = make_router()
     frame = from_afar(NOWHERE)
     by_connection = only(router.on_frame(frame, VIA, 0))
@@ -190,7 +188,7 @@ def test_a_refusal_goes_back_by_its_connection_or_by_the_table() -> None:
     assert closed == ToProcess(BROKER, by_connection.frame)
 
 
-def test_a_message_is_handed_over_once_and_its_duplicates_get_the_same_answer() -> None:
+def test_message_is_delivered_once_and_answered_alike() -> None:
     router = make_router()
     frame = from_afar(MESSAGES)
     assert router.on_arrival(frame, VIA, 0) == [HandOver(frame, VIA, Takes.MESSAGES)]
@@ -203,7 +201,7 @@ def test_a_message_is_handed_over_once_and_its_duplicates_get_the_same_answer() 
     assert router.counters().duplicates == 1
 
 
-def test_a_message_without_room_or_refused_is_handed_over_again() -> None:
+def test_refused_message_is_delivered_on_repetition() -> None:
     router = make_router()
     frame = from_afar(MESSAGES)
     refused = Outcome(Status.REFUSED, "uav1:app", "not now")
@@ -216,7 +214,7 @@ def test_a_message_without_room_or_refused_is_handed_over_again() -> None:
     assert router.counters().no_room == 1
 
 
-def test_a_request_in_work_says_so_and_an_answered_one_repeats_its_reply() -> None:
+def test_request_in_work_says_so_then_repeats_reply() -> None:
     router = make_router()
     frame = from_afar(REQUESTS, FrameKind.REQUEST)
     assert router.on_arrival(frame, VIA, 0) == [HandOver(frame, VIA, Takes.REQUESTS)]
@@ -237,7 +235,7 @@ def reply_to(frame: Frame, payload: bytes, now_ns: int) -> Frame:
     return back
 
 
-def test_a_reply_that_fits_no_frame_is_an_error_of_its_request() -> None:
+def test_reply_too_large_for_frame_is_error() -> None:
     router = make_router()
     frame = from_afar(REQUESTS, FrameKind.REQUEST)
     router.on_arrival(frame, VIA, 0)
@@ -252,15 +250,13 @@ def test_a_reply_that_fits_no_frame_is_an_error_of_its_request() -> None:
     ("data", "kind", "takes"),
     [(MESSAGES, FrameKind.REQUEST, "messages"), (REQUESTS, FrameKind.MESSAGE, "requests")],
 )
-def test_a_request_to_an_inbox_and_a_message_to_a_server_are_refused(
-    data: int, kind: FrameKind, takes: str
-) -> None:
+def test_request_to_inbox_and_message_to_server_fail(data: int, kind: FrameKind, takes: str) -> None:
     refusal = only(make_router().on_frame(from_afar(data, kind), VIA, 0))
     assert isinstance(refusal, SendBack)
     assert ack_of(refusal.frame) == (Status.REFUSED, "uav1", f"this path takes {takes} only")
 
 
-def test_a_message_whose_lifetime_is_over_is_dropped_unless_it_was_delivered_in_time() -> None:
+def test_expired_message_is_dropped_unless_delivered_before() -> None:
     router = make_router()
     late, known = from_afar(MESSAGES, age_ns=3 * S), from_afar(MESSAGES, sequence=2)
     router.on_arrival(known, VIA, 0)
@@ -276,7 +272,7 @@ def test_a_message_whose_lifetime_is_over_is_dropped_unless_it_was_delivered_in_
     assert router.on_arrival(own, None, 2 * S + 1) == []
 
 
-def test_what_an_application_served_is_absent_when_it_has_left() -> None:
+def test_departed_application_leaves_paths_absent() -> None:
     router = make_router()
     frame = from_afar(MESSAGES)
     assert sorted(router.remove_application(OWN_APP)) == [MESSAGES, REQUESTS]
@@ -289,7 +285,7 @@ def test_what_an_application_served_is_absent_when_it_has_left() -> None:
     )
 
 
-def test_an_answer_completes_its_message_and_opens_its_window() -> None:
+def test_answer_completes_its_message_and_opens_its_window() -> None:
     router = make_router()
     frames = [question(MESSAGES, THERE, sequence=n) for n in range(WINDOW + 2)]
     for frame in frames[:WINDOW]:
@@ -306,7 +302,7 @@ def test_an_answer_completes_its_message_and_opens_its_window() -> None:
     assert router.on_message(frames[WINDOW + 1], S, 2) == [ToProcess(BROKER, frames[WINDOW + 1])]
 
 
-def test_a_cancelled_message_leaves_its_window_and_is_not_repeated() -> None:
+def test_cancelled_message_frees_window_without_repetition() -> None:
     router = make_router()
     for sequence in range(WINDOW):
         router.on_message(question(MESSAGES, THERE, sequence=sequence), S, 0)
@@ -318,7 +314,7 @@ def test_a_cancelled_message_leaves_its_window_and_is_not_repeated() -> None:
     assert router.on_message(frame, S, S) == [ToProcess(BROKER, frame)]
 
 
-def test_a_reply_ends_its_request_and_an_error_on_the_way_does_too() -> None:
+def test_reply_or_error_ends_its_request() -> None:
     router = make_router()
     asked = question(REQUESTS, THERE, kind=FrameKind.REQUEST)
     assert router.on_request(asked, S, 0) == [ToProcess(BROKER, asked)]
@@ -332,7 +328,7 @@ def test_a_reply_ends_its_request_and_an_error_on_the_way_does_too() -> None:
     ]
 
 
-def test_a_repetition_is_routed_by_what_a_probe_found_and_probes_are_limited() -> None:
+def test_repetition_follows_probe_and_probes_are_limited() -> None:
     router = make_router()
     frame = question(ELSEWHERE)
     assert router.on_message(frame, 5 * S, 0) == [ToProcess(OTHER, frame)]
@@ -349,7 +345,7 @@ def test_a_repetition_is_routed_by_what_a_probe_found_and_probes_are_limited() -
     assert Probe() not in router.on_timer(between_ns)
 
 
-def test_a_receiver_that_was_reached_and_then_died_makes_its_message_unreachable() -> None:
+def test_dead_receiver_makes_message_unreachable() -> None:
     router = make_router()
     frame = question(ELSEWHERE)
     router.on_message(frame, 60 * S, 0)
@@ -370,7 +366,7 @@ def test_a_receiver_that_was_reached_and_then_died_makes_its_message_unreachable
     )
 
 
-def test_a_denied_request_is_replied_to_and_a_denied_message_refused() -> None:
+def test_denied_request_is_answered_and_message_refused() -> None:
     router = make_router()
     asked = from_afar(REQUESTS, FrameKind.REQUEST)
     denied = only(router.on_denial(asked, "role", None, 0))
@@ -381,7 +377,7 @@ def test_a_denied_request_is_replied_to_and_a_denied_message_refused() -> None:
     assert ack_of(refused.frame) == (Status.REFUSED, "uav1", "role")
 
 
-def test_a_hop_that_refuses_an_own_message_answers_in_the_same_pass() -> None:
+def test_refusing_hop_answers_in_same_pass() -> None:
     router = make_router(gateway=True)
     frame = question(MESSAGES, THERE)
     assert router.on_message(frame, S, 0) == [ToGateway(frame)]

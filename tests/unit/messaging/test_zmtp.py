@@ -32,7 +32,7 @@ def test_two_ends_meet() -> None:
     assert router.receive(message(b"question")) == [b"question"]
 
 
-def test_the_greeting_and_ready_are_those_of_the_protocol_page() -> None:
+def test_greeting_and_ready_are_those_of_protocol_page() -> None:
     dealer = ZmtpConnection(DEALER)
     assert dealer.take_output() == GREETING
     dealer.receive(GREETING)
@@ -40,7 +40,7 @@ def test_the_greeting_and_ready_are_those_of_the_protocol_page() -> None:
 
 
 @given(st.lists(st.binary(max_size=600), max_size=5), st.lists(st.integers(1, 700)))
-def test_a_stream_in_any_pieces_gives_the_same_messages(sent: list[bytes], cuts: list[int]) -> None:
+def test_stream_in_any_pieces_gives_same_messages(sent: list[bytes], cuts: list[int]) -> None:
     stream = OPENING + b"".join(map(message, sent))
     router = ZmtpConnection(ROUTER)
     received: list[bytes] = []
@@ -84,20 +84,20 @@ def test_what_breaks_the_protocol_is_named(stream: bytes, words: str) -> None:
         ZmtpConnection(ROUTER).receive(stream)
 
 
-def test_a_message_of_several_parts_is_left_out_as_a_whole() -> None:
+def test_multipart_message_is_skipped_whole() -> None:
     connection = opened()
     parts = b"\1\1a\1\1b\0\1c"
     assert connection.receive(parts + message(b"good")) == [b"good"]
     assert connection.ignored == 1
 
 
-def test_a_ping_is_answered_with_its_context_and_other_commands_are_ignored() -> None:
+def test_ping_is_answered_and_other_commands_ignored() -> None:
     connection = opened()
     assert connection.receive(b"\4\x0a\4PING\0\1abc\4\5\4WHAT") == []
     assert connection.take_output() == b"\4\x08\4PONGabc"
 
 
-def test_a_long_message_that_is_on_its_way_says_how_much_is_missing() -> None:
+def test_incoming_long_message_states_missing_bytes() -> None:
     connection = opened()
     data = message(bytes(100_000))
     assert connection.receive(data[:20_000]) == []

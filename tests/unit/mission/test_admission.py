@@ -67,7 +67,7 @@ def admit(order: MissionOrder, now_ns: int = S, kind: str = "uav") -> Run:
     return desk.run(order, asyncio.run(checker.load(order.text, order.file, binding)))
 
 
-def test_a_good_order_becomes_a_run_with_its_parameters() -> None:
+def test_good_order_becomes_run_with_its_parameters() -> None:
     run = admit(order())
     assert run.mission.blocks["t"].params.altitude_m == 8.0  # type: ignore[attr-defined]  # Takeoff's
     assert (run.name, run.epoch, run.role) == ("hop", 7, "air")
@@ -96,7 +96,7 @@ def test_an_order_that_came_too_late_is_refused() -> None:
 
 
 @pytest.mark.parametrize("sender", ["uav2", "uav1", "gcs2"])
-def test_an_order_in_the_name_of_another_platform_is_refused(sender: str) -> None:
+def test_order_in_name_of_another_platform_is_refused(sender: str) -> None:
     with pytest.raises(
         MissionError, match=f"order of gcs: sent by {sender}; expected it from its issuer itself"
     ):
@@ -110,13 +110,13 @@ def test_an_unsound_mission_is_refused_with_the_place() -> None:
         admit(order(text))
 
 
-def test_a_mission_that_this_vehicle_cannot_do_is_refused() -> None:
+def test_mission_that_this_vehicle_cannot_do_is_refused() -> None:
     with pytest.raises(MissionError, match="a ugv cannot Takeoff: expected uav"):
         admit(order(), kind="ugv")
 
 
 @given(st.binary(max_size=200) | st.builds(lambda cut: registry.encode(order())[:cut], st.integers(0, 400)))
-def test_any_bytes_are_an_order_and_a_state_or_a_wire_error(data: bytes) -> None:
+def test_any_bytes_are_order_state_or_error(data: bytes) -> None:
     for cls in (MissionOrder, MissionState):
         try:
             registry.decode(cls, data)
@@ -125,7 +125,7 @@ def test_any_bytes_are_an_order_and_a_state_or_a_wire_error(data: bytes) -> None
 
 
 @given(st.binary(max_size=100) | st.builds(lambda cut: STATE.pack()[:cut], st.integers(0, 200)))
-def test_any_bytes_are_a_packed_state_or_a_wire_error(data: bytes) -> None:
+def test_any_bytes_are_packed_state_or_wire_error(data: bytes) -> None:
     with contextlib.suppress(WireError):
         MissionState.unpack(data).pack()
 
@@ -147,12 +147,12 @@ def test_an_order_is_the_same_after_the_wire() -> None:
     assert registry.decode(MissionOrder, registry.encode(sent)) == sent
 
 
-def test_a_drained_platform_takes_no_order_and_says_who_drained_it() -> None:
+def test_drained_platform_refuses_orders_naming_operator() -> None:
     with pytest.raises(MissionError, match=r"drained by ann@gcs; `swarmctl node undrain` ends it"):
         OrderAdmission("uav1", PlatformKind.UAV).verify(order(), S, 10 * S, "gcs", "ann@gcs")
 
 
-def test_the_beacon_carries_who_drained_a_platform_only_where_it_is_drained() -> None:
+def test_beacon_names_drainer_only_when_drained() -> None:
     drained = msgspec.structs.replace(STATE, drained_by="ann@gcs")
     assert len(drained.pack()) == len(STATE.pack()) + len("ann@gcs") + 1
     assert MissionState.unpack(drained.pack()).drained_by == "ann@gcs"

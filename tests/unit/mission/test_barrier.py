@@ -44,7 +44,7 @@ def outcomes(passed: dict[str, list[Passed]]) -> dict[str, str]:
     return {name: p.result.label for name, found in passed.items() for p in found}
 
 
-def test_all_leave_at_the_time_the_first_member_names() -> None:
+def test_all_leave_at_time_first_member_names() -> None:
     e = Ensemble()
     e.arrive("a", "b", "c")
     assert outcomes(e.talk(S)) == {}
@@ -87,7 +87,7 @@ def test_only_the_named_roles_meet() -> None:
     assert outcomes(e.talk(S + LEAD)) == {"b": "ok", "c": "ok"}
 
 
-def test_a_time_out_at_one_breaks_the_barrier_for_all_who_wait() -> None:
+def test_one_time_out_breaks_barrier_for_all() -> None:
     e = Ensemble()
     e.arrive("a")
     e.arrive("b", now_ns=5 * S)
@@ -100,7 +100,7 @@ def test_a_time_out_at_one_breaks_the_barrier_for_all_who_wait() -> None:
     assert outcomes(e.talk(11 * S)) == {"c": "error:broken"}
 
 
-def test_a_member_that_is_silent_for_too_long_breaks_the_barrier() -> None:
+def test_silent_member_breaks_barrier() -> None:
     e = Ensemble()
     e.arrive("a", "b")
     for second in (1, 2, 3):
@@ -108,7 +108,7 @@ def test_a_member_that_is_silent_for_too_long_breaks_the_barrier() -> None:
     assert e.of["a"].advance(3 * S + 1) == [Passed(1, result("error:broken"), "without c")]
 
 
-def test_a_member_whose_computer_is_alive_gets_three_times_as_long() -> None:
+def test_member_with_living_computer_gets_triple_time() -> None:
     e = Ensemble()
     e.arrive("a", "b")
     for second in range(1, 9):
@@ -119,7 +119,7 @@ def test_a_member_whose_computer_is_alive_gets_three_times_as_long() -> None:
     assert outcomes({"a": e.of["a"].advance(9 * S + 1)}) == {"a": "error:broken"}
 
 
-def test_a_member_that_failed_breaks_the_barrier_at_once() -> None:
+def test_member_that_failed_breaks_barrier_at_once() -> None:
     e = Ensemble()
     e.arrive("a", "b")
     assert outcomes(e.talk(S, c="recovering")) == {
@@ -146,7 +146,7 @@ def test_the_state_of_another_run_is_no_arrival() -> None:
     assert e.of["a"].results == ()
 
 
-def test_the_next_member_opens_when_the_first_is_lost_after_a_quorum_came() -> None:
+def test_next_member_opens_after_loss_of_first() -> None:
     e = Ensemble()
     gate = BarrierSpec("x", 1, quorum=2)
     e.arrive("b", "c", gate=gate)
@@ -155,7 +155,7 @@ def test_the_next_member_opens_when_the_first_is_lost_after_a_quorum_came() -> N
     assert outcomes(e.talk(S + LEAD)) == {"b": "ok", "c": "ok"}
 
 
-def test_a_late_hearer_learns_the_time_from_whoever_knows_it() -> None:
+def test_late_member_learns_time_from_others() -> None:
     e = Ensemble()
     e.arrive("a", "b", "c")
     e.talk(S, silent=())
@@ -167,7 +167,7 @@ def test_a_late_hearer_learns_the_time_from_whoever_knows_it() -> None:
     assert e.of["c"].deadline_ns() == S + LEAD
 
 
-def test_what_the_first_member_says_at_first_hand_wins() -> None:
+def test_first_members_direct_statement_prevails() -> None:
     e = Ensemble()
     c = e.of["c"]
     c.arrive(1, GATE, 0)
@@ -183,7 +183,7 @@ def test_what_the_first_member_says_at_first_hand_wins() -> None:
     assert c.advance(5) == [Passed(1, result("error:broken"), "without a, b")]
 
 
-def test_a_barrier_in_a_loop_opens_anew_at_each_visit() -> None:
+def test_barrier_in_loop_opens_at_each_visit() -> None:
     e = Ensemble()
     for visit in (1, 2):
         now = visit * 10 * S
@@ -219,7 +219,7 @@ def with_a_station(strict: frozenset[str] = frozenset()) -> Ensemble:
     return e
 
 
-def test_a_ground_station_that_is_there_is_waited_for() -> None:
+def test_ground_station_that_is_there_is_waited_for() -> None:
     e = with_a_station()
     e.arrive("a", "b")
     assert outcomes(e.talk(S)) == {}
@@ -237,7 +237,7 @@ def test_a_ground_station_that_vanished_is_not_needed() -> None:
 
 
 @pytest.mark.parametrize("state", ["idle", "failed", "done", "recovering"])
-def test_a_ground_station_whose_mission_is_over_is_not_needed(state: str) -> None:
+def test_finished_ground_station_is_not_needed(state: str) -> None:
     e = with_a_station()
     e.arrive("a", "b")
     e.talk(S, c=state)
@@ -245,13 +245,13 @@ def test_a_ground_station_whose_mission_is_over_is_not_needed(state: str) -> Non
     assert outcomes(e.talk(S + 1 + LEAD, c=state)) == {"a": "ok", "b": "ok"}
 
 
-def test_an_abort_at_the_ground_station_holds_for_all() -> None:
+def test_abort_at_ground_station_holds_for_all() -> None:
     e = with_a_station()
     e.arrive("a", "b")
     assert outcomes(e.talk(S, c="aborted")) == {"a": "error:broken", "b": "error:broken"}
 
 
-def test_what_a_ground_station_gave_up_waiting_for_is_not_broken() -> None:
+def test_barrier_given_up_by_station_is_not_broken() -> None:
     e = with_a_station()
     c = e.of["c"]
     c.arrive(1, BarrierSpec("x", 1, timeout_s=5.0), 0)
@@ -265,7 +265,7 @@ def test_what_a_ground_station_gave_up_waiting_for_is_not_broken() -> None:
     assert outcomes(e.talk(5 * S + 1 + LEAD, c="failed")) == {"a": "ok", "b": "ok"}
 
 
-def test_where_a_barrier_names_the_ground_station_its_loss_breaks_it() -> None:
+def test_loss_of_named_ground_station_breaks_barrier() -> None:
     e = with_a_station(frozenset({"x"}))
     e.arrive("a", "b")
     for now in (S, 2 * S, 3 * S):
@@ -273,7 +273,7 @@ def test_where_a_barrier_names_the_ground_station_its_loss_breaks_it() -> None:
     assert outcomes(e.talk(3 * S + 1, silent=("c",))) == {"a": "error:broken", "b": "error:broken"}
 
 
-def test_a_loss_that_broke_nothing_is_no_deadline_any_more() -> None:
+def test_harmless_loss_is_no_longer_deadline() -> None:
     e = with_a_station()
     a = e.of["a"]
     a.arrive(1, BarrierSpec("x", 1), 0)
@@ -285,7 +285,7 @@ def test_a_loss_that_broke_nothing_is_no_deadline_any_more() -> None:
     assert deadline > 5 * S
 
 
-def test_a_member_that_hears_of_the_opening_half_a_second_late_takes_the_alternative_and_says_so() -> None:
+def test_late_learning_member_takes_alternative() -> None:
     e = Ensemble()
     e.arrive("a", "b", "c")
     e.talk(S)
@@ -298,7 +298,7 @@ def test_a_member_that_hears_of_the_opening_half_a_second_late_takes_the_alterna
     assert e.of["c"].advance(2 * S) == [Passed(1, result("error:broken"), "the others left 0.8 s ago")]
 
 
-def test_a_meeting_that_everybody_has_forgotten_is_over_for_one_who_comes_to_it_now() -> None:
+def test_forgotten_meeting_is_over_for_latecomer() -> None:
     e = Ensemble()
     gates = [BarrierSpec("x", visit, quorum=2) for visit in range(1, 30)]
     for visit, gate in enumerate(gates, 1):
@@ -310,14 +310,14 @@ def test_a_meeting_that_everybody_has_forgotten_is_over_for_one_who_comes_to_it_
     assert outcomes(e.talk(30 * S)) == {"a": "error:broken"}
 
 
-def test_a_member_at_a_later_visit_ends_the_wait_of_those_at_an_earlier_one() -> None:
+def test_member_at_later_visit_ends_earlier_wait() -> None:
     e = Ensemble()
     e.arrive("a", gate=BarrierSpec("x", 2))
     e.arrive("b", "c", gate=BarrierSpec("x", 1))
     assert outcomes(e.talk(S)) == {"b": "error:broken", "c": "error:broken"}
 
 
-def test_the_others_were_not_silent_while_this_node_did_not_listen() -> None:
+def test_own_deafness_is_not_others_silence() -> None:
     e = Ensemble()
     e.arrive("a", "b")
     late = e.of["a"]
@@ -327,7 +327,7 @@ def test_the_others_were_not_silent_while_this_node_did_not_listen() -> None:
     assert [passed.result.label for passed in e.of["b"].advance(3 * S + 1)] == ["error:broken"]
 
 
-def test_the_states_of_others_that_are_alive_were_not_missing_while_this_node_did_not_listen() -> None:
+def test_states_missed_while_deaf_are_not_missing() -> None:
     ends_ns = []
     for late_ns in (0, 2 * S):
         e = Ensemble()

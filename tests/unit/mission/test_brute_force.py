@@ -137,7 +137,7 @@ class Model:
         return rest | frozenset(new) if twice <= {"Wait", "Join", "End"} else None
 
 
-def test_the_check_and_a_model_of_all_orders_agree() -> None:
+def test_check_and_model_of_all_orders_agree() -> None:
     seen: Counter[str] = Counter()
     for seed in range(examples(600, 6_000)):
         chance = Random(seed)
@@ -202,7 +202,7 @@ def outcome(lines: tuple[Line, ...]) -> str:
             return "hangs"
 
 
-def test_the_check_and_a_model_of_all_paths_agree_about_several_roles() -> None:
+def test_check_agrees_with_model_of_all_paths() -> None:
     seen: Counter[str] = Counter()
     for seed in range(examples(500, 5_000)):
         chance = Random(f"roles {seed}")

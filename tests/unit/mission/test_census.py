@@ -29,7 +29,7 @@ def test_a_way_to_a_platform_keeps_it_present() -> None:
     assert census.present(22 * S) == {"uav1": IDLE}
 
 
-def test_who_fell_silent_is_lost_and_said_to_be_since_when() -> None:
+def test_silent_platform_is_lost_with_since_when() -> None:
     census = Census("gcs", 3 * S)
     census.on_state("uav1", IDLE, 10 * S)
     census.on_reachable("uav1", 12 * S)
@@ -37,7 +37,7 @@ def test_who_fell_silent_is_lost_and_said_to_be_since_when() -> None:
     assert why(census, 32 * S) == {"uav1": "lost: no beacon for 20 s"}
 
 
-def test_who_is_reached_but_has_no_mission_daemon_is_said_so() -> None:
+def test_platform_without_mission_daemon_is_reported() -> None:
     census = Census("gcs", 3 * S)
     census.on_reachable("relay", 10 * S)
     assert why(census, 11 * S) == {"relay": "no state of its mission daemon was received"}
@@ -45,7 +45,7 @@ def test_who_is_reached_but_has_no_mission_daemon_is_said_so() -> None:
 
 
 @pytest.mark.parametrize("heard", [False, True])
-def test_who_is_only_on_the_roster_is_known_too(heard: bool) -> None:
+def test_roster_only_member_is_known(heard: bool) -> None:
     census = Census("gcs", 3 * S)
     census.roster = frozenset({"gcs", "uav1"})
     if heard:
@@ -53,7 +53,7 @@ def test_who_is_only_on_the_roster_is_known_too(heard: bool) -> None:
     assert list(why(census, 11 * S)) == ([] if heard else ["uav1"])
 
 
-def test_the_first_state_of_a_platform_in_reach_is_expected_for_a_while() -> None:
+def test_first_state_is_awaited_for_while() -> None:
     census = Census("gcs", 3 * S)
     assert census.first_state_until_ns(10 * S) == 0
     census.on_reachable("gcs", 10 * S)
@@ -67,7 +67,7 @@ def test_the_first_state_of_a_platform_in_reach_is_expected_for_a_while() -> Non
     assert census.first_state_until_ns(15 * S) == 0, "it is out of reach again"
 
 
-def test_who_states_a_run_is_found_by_its_epoch() -> None:
+def test_member_stating_run_has_its_epoch() -> None:
     census = Census("gcs", 3 * S)
     census.on_state("uav1", MissionState(7, "h", MissionPhase.READY, kind=PlatformKind.UAV), 10 * S)
     census.on_state("uav2", IDLE, 10 * S)
@@ -75,7 +75,7 @@ def test_who_states_a_run_is_found_by_its_epoch() -> None:
     assert census.in_run(7) == ["uav1"]
 
 
-def test_who_is_drained_is_present_and_cannot_take_part() -> None:
+def test_drained_platform_is_present_but_excluded() -> None:
     census = Census("gcs", 3 * S)
     census.on_state("uav1", msgspec.structs.replace(IDLE, drained_by="ann@gcs"), 10 * S)
     census.on_state("uav2", IDLE, 10 * S)

@@ -97,7 +97,7 @@ def test_a_small_mission_is_checked_without_a_process(monkeypatch: pytest.Monkey
     assert apart.jobs == 0
 
 
-def test_a_mission_is_checked_once_whatever_it_is_called_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_mission_is_checked_once_for_all_purposes(monkeypatch: pytest.MonkeyPatch) -> None:
     apart = NoProcess()
     monkeypatch.setattr(checking, "_apart", apart)
 
@@ -115,7 +115,7 @@ def test_a_mission_is_checked_once_whatever_it_is_called_for(monkeypatch: pytest
     assert apart.jobs == 3
 
 
-def test_a_sound_verdict_holds_wherever_the_files_are_and_findings_name_the_place() -> None:
+def test_sound_verdict_holds_and_findings_name_place() -> None:
     async def work() -> None:
         checker = Checker(built_in())
         stored = from_files([MissionFile("m.json", fork(3))], "/stored/trial")
@@ -129,7 +129,7 @@ def test_a_sound_verdict_holds_wherever_the_files_are_and_findings_name_the_plac
     asyncio.run(work())
 
 
-def test_a_mission_that_takes_long_to_check_is_sound_and_does_not_stop_the_loop() -> None:
+def test_long_check_is_sound_without_blocking_loop() -> None:
     checker = Checker(built_in())
     findings, lag_s = measured(lambda: checker.check(alone(lattice(7, 2))))
     assert findings == ()
@@ -154,9 +154,7 @@ def test_a_mission_that_takes_long_to_check_is_sound_and_does_not_stop_the_loop(
         "14000 mistakes",
     ],
 )
-def test_a_mission_too_large_to_check_is_refused_with_the_reason_and_the_loop_goes_on(
-    text: str, reason: str
-) -> None:
+def test_mission_too_large_to_check_is_refused(text: str, reason: str) -> None:
     checker = Checker(built_in())
     findings, lag_s = measured(lambda: checker.check(alone(text)))
     assert not sound(findings)
@@ -173,7 +171,7 @@ def test_a_mission_too_large_to_check_is_refused_with_the_reason_and_the_loop_go
     assert lag_s < LAG_S
 
 
-def test_a_check_whose_process_is_killed_refuses_the_mission(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_check_whose_process_is_killed_refuses_mission(monkeypatch: pytest.MonkeyPatch) -> None:
     checker = Checker(built_in())
     with monkeypatch.context() as hurried:
         hurried.setattr(checking, "TIME_S", 0.01)
@@ -184,9 +182,7 @@ def test_a_check_whose_process_is_killed_refuses_the_mission(monkeypatch: pytest
 
 
 @pytest.mark.parametrize(("height", "accepted"), [("abc", False), (-3.0, False), (True, False), (4.0, True)])
-async def test_values_of_parameters_are_checked_with_the_text_of_each_role(
-    height: ParamValue, accepted: bool
-) -> None:
+async def test_parameter_values_are_checked_with_role_texts(height: ParamValue, accepted: bool) -> None:
     text = net(
         s="Start>a",
         a="Arm>t",
@@ -207,7 +203,7 @@ async def test_values_of_parameters_are_checked_with_the_text_of_each_role(
         await checker.check_params(folder, assignment)
 
 
-async def test_a_mission_that_was_read_is_known_under_any_file_name() -> None:
+async def test_read_mission_is_known_under_any_name() -> None:
     checker, text = Checker(built_in()), net(s="Start>e", e="End")
     binding = Binding("uav1", PlatformKind.UAV, "r", "trial", {})
     assert checker.known(text, "m.json", binding) is None

@@ -146,11 +146,11 @@ class OfDrone:
         ("other/drone.sensors.gnss", None),
     ],
 )
-def test_an_element_of_a_map_or_list_is_a_value(text: str, expected: bool | None) -> None:
+def test_element_of_map_or_list_is_value(text: str, expected: bool | None) -> None:
     assert parse(text).holds(OfDrone()) is expected
 
 
-def test_the_only_field_of_a_value_is_indexed_by_its_resource() -> None:
+def test_only_field_is_indexed_by_its_resource() -> None:
     class Levels(msgspec.Struct, frozen=True):
         levels: tuple[float, ...]
 
@@ -158,7 +158,7 @@ def test_the_only_field_of_a_value_is_indexed_by_its_resource() -> None:
     assert scalar_of(Levels((1.0, 2.0)), "levels[1]") == 2.0
 
 
-def test_a_field_in_brackets_is_read_in_a_condition_on_one_resource() -> None:
+def test_bracketed_field_is_read_on_one_resource() -> None:
     condition = parse("sensors['sensor/gnss'] and age() < 1", "/uav1/health/state")
     assert [(one.path, one.field, one.age) for one in condition.operands()] == [
         ("/uav1/health/state", "sensors['sensor/gnss']", False),
@@ -201,7 +201,7 @@ def test_a_condition_names_the_resources_it_looks_at() -> None:
         ("battery[0] > 1", "at 'battery[0]', column 1"),
     ],
 )
-def test_what_is_no_condition_is_refused_with_its_place(text: str, word: str) -> None:
+def test_invalid_condition_is_refused_with_place(text: str, word: str) -> None:
     with pytest.raises(MissionError, match="condition") as caught:
         parse(text)
     assert word in str(caught.value)

@@ -40,7 +40,7 @@ def show(value: Any) -> str:
 
 
 @pytest.mark.parametrize("block", BLOCKS, ids=lambda block: block.name)
-def test_the_table_of_blocks_is_that_of_the_catalogue(block: BlockType) -> None:
+def test_table_of_blocks_is_that_of_catalogue(block: BlockType) -> None:
     assert row(block) in TEXT
 
 
@@ -59,13 +59,13 @@ def test_every_file_named_exists(path: str) -> None:
     assert (ROOT / path).exists()
 
 
-def test_the_limits_of_positions_are_those_of_the_code() -> None:
+def test_limits_of_positions_are_those_of_code() -> None:
     limits = f"more than {REACH_M / 1000:g} km from the map's origin, more than {CEILING_M:g} m above it"
     assert f"{limits} or more than {DEPTH_M:g} m below it" in TEXT
     assert f"a warning from {NEAR_RATIO:.0%} of the limit on".replace("%", " %") in TEXT
 
 
-def test_the_keys_of_a_block_beside_its_parameters_are_those_of_the_schema() -> None:
+def test_documented_keys_of_block_match_schema() -> None:
     definitions = json.loads(mission_schema())["$defs"]
     found = set()
     for block in BLOCKS:

@@ -8,7 +8,7 @@ from swarmd.mission.drain import UNKNOWN, Drain
 from swarmware.errors import SwarmError
 
 
-def test_a_drain_is_kept_for_the_next_daemon_until_it_is_ended(tmp_path: Path) -> None:
+def test_drain_is_kept_for_next_daemon(tmp_path: Path) -> None:
     file = tmp_path / "drained.json"
     first = Drain(file)
     assert first.by == ""
@@ -22,7 +22,7 @@ def test_a_drain_is_kept_for_the_next_daemon_until_it_is_ended(tmp_path: Path) -
 @pytest.mark.parametrize(
     "content", [b"", b"{", b'{"by": 3, "utc_ns": 1}', b'{"by": "", "utc_ns": 1}', b"\xff"]
 )
-def test_a_record_that_cannot_be_read_counts_as_a_drain(tmp_path: Path, content: bytes) -> None:
+def test_record_that_cannot_be_read_counts_as_drain(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "drained.json"
     file.write_bytes(content)
     damaged = Drain(file)
@@ -31,7 +31,7 @@ def test_a_record_that_cannot_be_read_counts_as_a_drain(tmp_path: Path, content:
     assert not file.exists()
 
 
-def test_a_drain_that_cannot_be_recorded_is_refused_and_changes_nothing(tmp_path: Path) -> None:
+def test_unrecordable_drain_is_refused(tmp_path: Path) -> None:
     (tmp_path / "data").write_text("a file where a folder is expected")
     drain = Drain(tmp_path / "drained.json")
     unwritable = Drain(tmp_path / "drained.json")

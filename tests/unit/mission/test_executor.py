@@ -33,7 +33,7 @@ def test_a_mission_alone_begins_at_once_and_ends() -> None:
     assert (state.state, state.progress_ratio, state.mission, state.hash) == ("done", 1.0, "hop", "01234567")
 
 
-def test_a_heartbeat_that_is_due_at_zero_of_the_clock_is_due_then_and_not_at_once() -> None:
+def test_heartbeat_at_clock_zero_is_due_then() -> None:
     m = Member1()
     now_ns = -10 * S
     m.core.on_timer(now_ns)
@@ -97,7 +97,7 @@ def test_a_failed_mission_lands_and_is_failed() -> None:
     assert "refused" in m.core.state().text
 
 
-def test_no_mission_is_taken_while_a_built_in_one_runs() -> None:
+def test_mission_is_refused_while_built_in_runs() -> None:
     m = Member1()
     m.order()
     m.core.on_ended(1, result("error:refused"), "", S)
@@ -119,7 +119,7 @@ def test_a_ground_station_has_nothing_to_land() -> None:
     assert words(m.core.on_ended(1, result("error:refused"), "", S)) == ["state:ending", "state:failed"]
 
 
-def test_an_abort_cancels_waits_and_does_what_the_operator_says() -> None:
+def test_abort_cancels_waits_and_does_what_operator_says() -> None:
     m = Member1()
     m.order()
     assert words(m.core.on_abort("enough", "hold", S)) == ["state:ending", "cancel 1"]
@@ -138,14 +138,14 @@ def test_an_abort_before_the_start_moves_nothing() -> None:
     assert m.core.state().text == "hop was not started: refused elsewhere"
 
 
-def test_a_landing_that_was_asked_for_before_the_start_is_flown() -> None:
+def test_landing_ordered_before_start_is_flown() -> None:
     m = Member1()
     m.order(members=(A, B))
     steps = words(m.core.on_abort("operator", "land", S))
     assert steps == ["state:idle", "state:recovering", "start land 1"]
 
 
-def test_a_mission_that_comes_to_a_failed_end_says_why() -> None:
+def test_mission_that_comes_to_failed_end_says_why() -> None:
     text = net(
         s="Start>m",
         m={"type": "Barrier", "id": "m", "timeout_s": 5, "next": "e", "nextTimeout": "f"},
@@ -163,7 +163,7 @@ def test_a_mission_that_comes_to_a_failed_end_says_why() -> None:
     assert m.core.state().text == "came to f: m ended with error:broken: without b"
 
 
-def test_a_barrier_that_breaks_at_its_time_out_ends_with_a_time_out() -> None:
+def test_barrier_at_time_out_ends_with_time_out() -> None:
     m = Member1("gcs")
     text = net(
         s="Start>m",
@@ -180,7 +180,7 @@ def test_a_barrier_that_breaks_at_its_time_out_ends_with_a_time_out() -> None:
     assert m.core.state().text == "came to f: m ended with timeout: without b"
 
 
-def test_an_operator_may_ask_for_a_landing_without_a_mission() -> None:
+def test_operator_may_ask_for_landing_without_mission() -> None:
     m = Member1()
     assert words(m.core.on_abort("operator", "land", S)) == ["state:recovering", "start land 1"]
     assert words(m.core.on_ended(1, result("ok"), "", S)) == ["state:ending", "state:done"]
@@ -194,14 +194,14 @@ def test_an_unknown_built_in_mission_is_refused() -> None:
 
 
 @pytest.mark.parametrize("battery", [0.1, None])
-def test_a_mission_whose_requirement_is_not_met_is_refused(battery: float | None) -> None:
+def test_mission_whose_requirement_is_not_met_is_refused(battery: float | None) -> None:
     m = Member1()
     m.values.battery = battery
     with pytest.raises(Conflict, match="requirement 'battery > 20 %'"):
         m.order(with_requirement(ARM))
 
 
-def test_a_requirement_that_is_no_longer_met_ends_the_mission() -> None:
+def test_requirement_that_is_no_longer_met_ends_mission() -> None:
     m = Member1()
     m.order(with_requirement(ARM))
     assert words(m.core.on_timer(S)) == []
@@ -211,7 +211,7 @@ def test_a_requirement_that_is_no_longer_met_ends_the_mission() -> None:
     assert words(m.core.on_ended(1, result("cancelled"), "", 2 * S))[-1] == "start land 2"
 
 
-def test_a_mission_that_fails_when_it_comes_to_a_barrier_waits_there_no_longer() -> None:
+def test_mission_failing_at_barrier_waits_no_longer() -> None:
     m = Member1()
     text = net(s="Start>w", w="Wait>x", x={"type": "Barrier", "id": "x", "quorum": 2, "next": "e"}, e="End")
     m.order(with_requirement(text), members=(A, B))
@@ -222,7 +222,7 @@ def test_a_mission_that_fails_when_it_comes_to_a_barrier_waits_there_no_longer()
     assert m.core.state().arrivals == ()
 
 
-def test_a_requirement_that_cannot_be_told_is_given_three_checks() -> None:
+def test_undecidable_requirement_gets_three_checks() -> None:
     m = Member1()
     m.order(with_requirement(ARM))
     m.values.battery = None
@@ -235,7 +235,7 @@ def with_pose(text: str) -> str:
     return text.replace('{"mission"', '{"requires": ["age(nav/pose) < 2"], "mission"', 1)
 
 
-def test_an_age_is_judged_without_the_time_for_which_the_node_itself_was_late() -> None:
+def test_age_excludes_lateness_of_node() -> None:
     m = Member1()
     m.order(with_pose(ARM))
     m.values.pose_age_s = 2.5
@@ -245,14 +245,14 @@ def test_an_age_is_judged_without_the_time_for_which_the_node_itself_was_late() 
     assert words(m.core.on_timer(2 * S)) == ["state:ending", "cancel 1"]
 
 
-def test_an_age_is_judged_as_it_is_on_a_node_that_is_not_late() -> None:
+def test_age_on_punctual_node_is_unchanged() -> None:
     m = Member1()
     m.order(with_pose(ARM))
     m.values.pose_age_s = 2.5
     assert words(m.core.on_timer(until(m.core, S))) == ["state:ending", "cancel 1"]
 
 
-def test_an_age_that_is_not_known_is_not_known_on_a_late_node_either() -> None:
+def test_unknown_age_stays_unknown_on_late_node() -> None:
     m = Member1()
     m.order(with_pose(ARM))
     m.values.pose_age_s = None
@@ -262,7 +262,7 @@ def test_an_age_that_is_not_known_is_not_known_on_a_late_node_either() -> None:
     assert words(m.core.on_timer(3 * S)) == ["state:ending", "cancel 1"]
 
 
-def test_a_member_that_was_late_itself_waits_longer_for_the_others_at_a_barrier() -> None:
+def test_late_member_waits_longer_at_barrier() -> None:
     text = net(s="Start>x", x={"type": "Barrier", "id": "x", "timeout_s": 60, "next": "e"}, e="End")
     ends: dict[int, int] = {}
     for late_ns in (0, 2 * S):
@@ -282,7 +282,7 @@ def test_a_member_that_was_late_itself_waits_longer_for_the_others_at_a_barrier(
     assert ends[2 * S] == pytest.approx(ends[0] + 2 * S, abs=S // 5)
 
 
-def test_a_member_that_was_late_itself_gives_the_others_more_time_for_the_result_of_a_barrier() -> None:
+def test_late_member_gives_others_more_time() -> None:
     text = net(s="Start>x", x={"type": "Barrier", "id": "x", "timeout_s": 60, "next": "e"}, e="End")
     leads: dict[int, int] = {}
     for late_ns in (0, S):
@@ -314,7 +314,7 @@ def test_a_member_that_was_late_itself_gives_the_others_more_time_for_the_result
         ({}, "start land 2"),
     ],
 )
-def test_a_broken_barrier_is_a_time_out_that_came_early(edges: dict[str, Any], expected: str) -> None:
+def test_broken_barrier_is_time_out_that_came_early(edges: dict[str, Any], expected: str) -> None:
     m = Member1()
     hold = {"type": "Hold", "next": "e"}
     m.order(
@@ -327,7 +327,7 @@ def test_a_broken_barrier_is_a_time_out_that_came_early(edges: dict[str, Any], e
     assert expected in words(m.core.on_states([("b", MissionState(7, "", MissionPhase.FAILED), ())], S))
 
 
-def test_progress_is_what_was_entered_and_what_the_moving_block_says() -> None:
+def test_progress_is_entered_or_from_moving_block() -> None:
     m = Member1()
     m.order()
     before = m.core.state().progress_ratio
@@ -336,7 +336,7 @@ def test_progress_is_what_was_entered_and_what_the_moving_block_says() -> None:
     assert m.core.state().text == "half way"
 
 
-def test_a_change_is_told_at_once_three_times_then_once_a_second() -> None:
+def test_change_is_sent_three_times_then_each_second() -> None:
     announcer = Announcer()
     state = MissionState(1, "", MissionPhase.RUNNING)
     times = [t for t in range(0, 3 * S, S // 100) if announcer.due(state, t)]

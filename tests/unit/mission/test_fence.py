@@ -68,7 +68,7 @@ def pose(x_m: float, y_m: float, z_m: float = 5.0, **velocity: float) -> Pose:
         ("hight_m = 9", 2, "hight_m"),
     ],
 )
-def test_wrong_settings_are_refused_with_file_line_and_key(text: str, line: int, error: str) -> None:
+def test_invalid_settings_are_refused_with_file_and_key(text: str, line: int, error: str) -> None:
     with pytest.raises(ConfigError, match=error) as caught:
         files.parse(f"[fence]\n{text}\n", Config, "mission.toml")
     assert caught.value.line == line
@@ -135,17 +135,17 @@ def test_the_nearest_limit_is_named_with_its_distance(
         ({"min_height_m": 3.0}, pose(0, 0, 4, vz_m_s=0.0), False),
     ],
 )
-def test_a_vehicle_leaves_when_it_cannot_stop_before_a_limit(
+def test_vehicle_leaves_when_it_cannot_stop_before_limit(
     settings: dict[str, Any], place: Pose, leaving: bool
 ) -> None:
     assert fence(**settings).state(place, landed=False, landing=False).leaving is leaving
 
 
-def test_a_faster_vehicle_needs_more_than_its_speed_to_stop() -> None:
+def test_faster_vehicle_needs_disproportionate_stopping_distance() -> None:
     assert (stop_m(0.0), stop_m(2.0), stop_m(10.0)) == pytest.approx((0.0, 2.6, 33.0))
 
 
-def test_the_lowest_height_binds_from_the_climb_above_it_to_the_order_to_land() -> None:
+def test_lowest_height_binds_from_climb_to_landing() -> None:
     found = fence(min_height_m=3.0, margin_m=1.0)
     flight = [
         (0.0, True, False, NONE),
@@ -200,7 +200,7 @@ ACROSS = Origin(lat_deg=-17.0, lon_deg=179.999)
 """The antimeridian is 106 m to the east."""
 
 
-def test_degrees_are_placed_in_the_map_also_across_the_antimeridian() -> None:
+def test_degrees_are_placed_in_map_also_across_antimeridian() -> None:
     local = LocalMap(ACROSS)
     corners = tuple(
         local.to_wgs84(x_m, y_m, 0.0)[:2] for x_m, y_m in ((-200, -200), (200, -200), (200, 200), (-200, 200))
@@ -215,7 +215,7 @@ def test_degrees_are_placed_in_the_map_also_across_the_antimeridian() -> None:
         assert state.distance_m == pytest.approx(distance_m, abs=0.05)
 
 
-def test_a_circle_in_degrees_is_that_in_the_map() -> None:
+def test_circle_in_degrees_is_that_in_map() -> None:
     origin = Origin(lat_deg=48.0, lon_deg=11.0)
     lat_deg, lon_deg, _ = LocalMap(origin).to_wgs84(30.0, 40.0, 0.0)
     found = fence(origin, centre_deg=(lat_deg, lon_deg), radius_m=60.0)

@@ -19,7 +19,7 @@ ORIGIN = Origin(lat_deg=48.0, lon_deg=11.0, alt_ellipsoid_m=520.0)
 CENTRE = LocalMap(ORIGIN).to_wgs84(0.0, 0.0, 0.0)[:2]
 
 
-async def test_a_fence_in_degrees_is_known_with_the_pose_and_the_origin_of_the_map(tmp_path: Path) -> None:
+async def test_fence_in_degrees_needs_pose_and_origin(tmp_path: Path) -> None:
     config = FenceConfig(centre_deg=CENTRE, radius_m=50.0)
     far = manoeuvre("goto", {"x_m": 60.0, "y_m": 0.0}, "uav1", PlatformKind.UAV)
     near = manoeuvre("goto", {"x_m": 40.0, "y_m": 0.0}, "uav1", PlatformKind.UAV)
@@ -51,7 +51,7 @@ async def test_a_fence_in_degrees_is_known_with_the_pose_and_the_origin_of_the_m
         assert (state.exists, state.inside, state.limit) == (True, True, "area")
 
 
-async def test_a_vehicle_without_a_fence_says_so_and_refuses_nothing(tmp_path: Path) -> None:
+async def test_vehicle_without_fence_says_so_and_refuses_nothing(tmp_path: Path) -> None:
     far = manoeuvre("goto", {"x_m": 9000.0, "y_m": 0.0}, "uav1", PlatformKind.UAV)
     async with (
         tmp_node(tmp_path) as node,

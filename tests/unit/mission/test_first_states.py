@@ -48,7 +48,7 @@ async def waits(task: asyncio.Task[None]) -> bool:
     return not task.done()
 
 
-async def test_it_goes_on_with_the_last_state_of_those_in_reach() -> None:
+async def test_daemon_continues_with_last_states_in_reach() -> None:
     rig = Rig()
     rig.reachable = ("uav1", "uav2")
     waiting = asyncio.create_task(rig.states.wait())
@@ -59,14 +59,14 @@ async def test_it_goes_on_with_the_last_state_of_those_in_reach() -> None:
     await waiting
 
 
-async def test_a_platform_that_is_in_reach_for_long_without_a_state_delays_nothing() -> None:
+async def test_long_stateless_platform_delays_nothing() -> None:
     rig = Rig()
     rig.reachable = ("relay",)
     rig.census.on_reachable("relay", rig.clock.ns - FIRST_STATE_NS)
     await rig.states.wait()
 
 
-async def test_a_vehicle_alone_starts_at_once_and_a_station_waits_for_the_first_platform() -> None:
+async def test_lone_vehicle_starts_at_once_station_waits() -> None:
     await Rig().states.wait()
     station = Rig(is_station=True)
     waiting = asyncio.create_task(station.states.wait())

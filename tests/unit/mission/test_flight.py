@@ -76,12 +76,12 @@ def test_a_ground_vehicle_has_no_height() -> None:
     ],
     ids=["never", "perhaps not", "it failed", "landed again", "formation"],
 )
-def test_a_motion_that_can_begin_before_the_take_off_is_refused(text: str) -> None:
+def test_motion_possible_before_take_off_is_refused(text: str) -> None:
     assert rules(text) == [("error", "not-in-the-air", "g")]
     assert found(text)[0].trace
 
 
-def test_an_end_in_the_air_is_a_warning_unless_the_mission_failed() -> None:
+def test_end_in_air_is_warning_unless_mission_failed() -> None:
     text = net(s="Start>q", q="Arm>t", t={**UP, "next": "e"}, e="End")
     assert rules(text) == [("warning", "ends-in-the-air", "e")]
     failed = net(s="Start>q", q="Arm>t", t={**UP, "next": "e"}, e={"type": "End", "result": "failed"})
@@ -123,9 +123,7 @@ def test_two_motions_at_once_are_one_too_many(kind: str) -> None:
         ('["uav"]', ["error"]),
     ],
 )
-def test_a_role_that_ground_vehicles_may_play_too_is_warned_of_those_that_fly(
-    kinds: str, severities: list[str]
-) -> None:
+def test_role_for_ground_vehicles_warns_about_flying(kinds: str, severities: list[str]) -> None:
     text = net(s="Start>g", g=go("e"), e="End")
     manifest = f'name = "x"\n[[roles]]\nname = "a"\nfile = "a.json"\nkinds = {kinds}\n'
     files = [MissionFile("mission.toml", manifest), MissionFile("a.json", text)]
@@ -164,7 +162,7 @@ def test_a_takeoff_needs_an_arm_before_it(text: str, severity: str | None) -> No
         assert ("'t' begins with the motors off" in finding.message) == (severity == "error")
 
 
-def test_a_mission_that_requires_armed_motors_does_not_arm_them() -> None:
+def test_mission_requiring_armed_motors_does_not_arm() -> None:
     text = net(s="Start>t", **AFTER)
     assert rules(text[:-1] + ', "requires": ["vehicle/state.armed"]}') == []
 
@@ -191,7 +189,7 @@ def test_a_mission_that_requires_armed_motors_does_not_arm_them() -> None:
         ),
     ],
 )
-def test_a_position_that_no_mission_means_is_refused_and_one_near_the_limit_told(
+def test_implausible_position_is_refused_and_near_limit_reported(
     block: dict[str, Any], severity: str, words: str
 ) -> None:
     text = net(s="Start>q", q="Arm>t", t={**UP, "next": "g"}, g=block, l="Land>e", e="End")
@@ -203,12 +201,12 @@ def test_a_position_that_no_mission_means_is_refused_and_one_near_the_limit_told
 @pytest.mark.parametrize(
     "block", [go("l", z=5) | {"x": 7_900}, go("l", z=390), go("l", z=0.5), {**UP, "alt": 300, "next": "l"}]
 )
-def test_a_position_well_within_the_limits_is_not_told(block: dict[str, Any]) -> None:
+def test_position_well_within_limits_is_unreported(block: dict[str, Any]) -> None:
     text = net(s="Start>q", q="Arm>t", t={**UP, "next": "g"}, g=block, l="Land>e", e="End")
     assert rules(text) == []
 
 
-def test_thirty_metres_below_the_ground_are_an_error_for_every_kind_of_vehicle() -> None:
+def test_deep_underground_is_error_for_every_vehicle() -> None:
     text = net(s="Start>g", g=go("e", z=-30), e="End")
     assert rules(text, "ugv") == [("error", "implausible", "g")]
     (mixed,) = [
@@ -258,7 +256,7 @@ def test_a_goto_without_a_height_keeps_the_height(
     assert [goal["z_m"] for goal in vehicle.goals] == [expected]
 
 
-def test_a_block_of_a_package_that_needs_the_air_is_checked_like_a_goto() -> None:
+def test_package_block_in_air_is_checked_like_goto() -> None:
     spray = catalogue.BlockType("Spray", "Sprays a field.", motion=True, airborne=True)
     catalogued = catalogue.Catalogue((*catalogue.BLOCKS, spray))
     text = net(s="Start>g", g={"type": "Spray", "next": "e"}, e="End")
@@ -266,7 +264,7 @@ def test_a_block_of_a_package_that_needs_the_air_is_checked_like_a_goto() -> Non
     assert [finding.rule for finding in found] == ["not-in-the-air"]
 
 
-def test_a_goto_without_a_height_fails_when_nobody_knows_the_height() -> None:
+def test_goto_without_any_height_fails() -> None:
     vehicle = Vehicle(None)
     with pytest.raises(BlockError) as caught:
         asyncio.run(GotoBlock().run(Context(vehicle, catalogue.Goto(x_m=1, y_m=2))))  # type: ignore[arg-type]  # as above

@@ -64,7 +64,7 @@ def files(**changed: str) -> list[MissionFile]:
     return [MissionFile(name, text) for name, text in {**FILES, **changed}.items()]
 
 
-def test_roles_are_filled_in_their_order_with_platforms_in_natural_order() -> None:
+def test_roles_fill_with_platforms_in_natural_order() -> None:
     cast = assign(from_files(files(), ""), SWARM, {})
     assert [(m.platform, m.role) for m in cast.members] == [
         ("ugv1", "leader"),
@@ -111,7 +111,7 @@ def test_the_hash_is_of_all_names_and_contents() -> None:
     assert len(one.hash) == 32
 
 
-def test_a_single_file_is_a_mission_for_every_vehicle() -> None:
+def test_single_file_is_mission_for_every_vehicle() -> None:
     folder = from_files([MissionFile("hop.json", LEADER)], "")
     cast = assign(folder, SWARM, {})
     assert [m.platform for m in cast.members] == ["uav2", "uav10", "ugv1", "ugv2"]
@@ -190,7 +190,7 @@ def test_several_files_need_a_manifest() -> None:
         from_files([MissionFile("a.json", LEADER), MissionFile("b.json", LEADER)], "x")
 
 
-def test_a_folder_on_disk_is_checked_like_its_content(tmp_path: Path) -> None:
+def test_folder_on_disk_is_checked_like_its_content(tmp_path: Path) -> None:
     for name, text in FILES.items():
         (tmp_path / name).write_text(text)
     (tmp_path / "README.md").write_text("not part of it")
@@ -202,7 +202,7 @@ def test_a_folder_on_disk_is_checked_like_its_content(tmp_path: Path) -> None:
     assert "control.json" in finding.message
 
 
-def test_a_path_that_does_not_exist_is_not_found(tmp_path: Path) -> None:
+def test_path_that_does_not_exist_is_not_found(tmp_path: Path) -> None:
     with pytest.raises(NotFound):
         check_files([tmp_path / "nothing.json"])
     with pytest.raises(NotFound):
@@ -225,7 +225,7 @@ def lay(folder: Path, **texts: str) -> Path:
     return folder
 
 
-def test_a_folder_for_each_id_is_a_mission_whose_numbers_are_filled_in_order(tmp_path: Path) -> None:
+def test_folder_per_id_is_mission_in_order(tmp_path: Path) -> None:
     once, twice = part(MEET), part({**MEET, "id": "up"}, {"type": "Barrier", "id": "up"})
     folder = read_folder(lay(tmp_path / "duty", **{"2": once, "10": twice, "uav2": once, "gcs": once}))
     assert folder.manifest.name == "duty"
@@ -237,7 +237,7 @@ def test_a_folder_for_each_id_is_a_mission_whose_numbers_are_filled_in_order(tmp
         assign(folder, [platform for platform in SWARM if platform.name != "uav2"], {})
 
 
-def test_a_finding_in_the_folder_of_an_id_names_its_file(tmp_path: Path) -> None:
+def test_finding_in_folder_of_id_names_its_file(tmp_path: Path) -> None:
     once, twice = part({"type": "Barrier", "id": "x"}), part(*[{"type": "Barrier", "id": "x"}] * 2)
     lay(tmp_path / "m", **{"1": twice, "2": once})
     (finding,) = [found for found in check_files([tmp_path / "m"]) if found.severity == "error"]
@@ -248,7 +248,7 @@ def test_a_finding_in_the_folder_of_an_id_names_its_file(tmp_path: Path) -> None
     assert msgspec.msgpack.decode(msgspec.msgpack.encode(folder), type=Folder) == folder
 
 
-def test_a_folder_with_one_mission_is_read_without_a_manifest(tmp_path: Path) -> None:
+def test_folder_with_one_mission_is_read_without_manifest(tmp_path: Path) -> None:
     (tmp_path / "hop").mkdir()
     (tmp_path / "hop" / "mission.json").write_text(LEADER)
     folder = read_folder(tmp_path / "hop")

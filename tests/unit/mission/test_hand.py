@@ -42,7 +42,7 @@ def with_key(**top: Any) -> str:
     return msgspec.json.encode(msgspec.json.decode(ARM) | top).decode()
 
 
-def test_a_running_mission_is_held_while_its_vehicle_is_driven_by_hand_and_continues_afterwards() -> None:
+def test_mission_is_held_during_driving_by_hand() -> None:
     m = Member1()
     m.order()
     actions = m.core.on_control(MANUAL, S)
@@ -61,7 +61,7 @@ def test_the_safety_pilot_holds_the_mission_too() -> None:
     assert m.core.state().held_by == "pilot"
 
 
-def test_no_mission_begins_at_a_vehicle_that_is_driven_by_hand() -> None:
+def test_mission_cannot_begin_at_hand_driven_vehicle() -> None:
     m = Member1()
     m.core.on_control(MANUAL, 0)
     with pytest.raises(Conflict, match="a is driven by hand by anna@gcs"):
@@ -70,26 +70,26 @@ def test_no_mission_begins_at_a_vehicle_that_is_driven_by_hand() -> None:
     assert "state:running" in m.order()
 
 
-def test_an_order_takes_the_vehicle_from_the_operator_who_drives() -> None:
+def test_order_takes_vehicle_from_operator_who_drives() -> None:
     m = Member1()
     m.core.on_control(MANUAL, 0)
     assert taken(m.core.on_abort("test", "land", S)) == [True]
     assert m.phase == "recovering"
 
 
-def test_the_same_order_again_asks_for_the_vehicle_again() -> None:
+def test_same_order_again_asks_for_vehicle_again() -> None:
     m = Member1()
     m.core.on_abort("test", "land", S)
     m.core.on_control(MANUAL, 2 * S)
     assert taken(m.core.on_abort("test", "land", 3 * S)) == [True]
 
 
-def test_an_order_at_a_vehicle_that_nobody_drives_by_hand_asks_for_nothing() -> None:
+def test_order_at_undriven_vehicle_needs_no_confirmation() -> None:
     m = Member1()
     assert taken(m.core.on_abort("test", "land", S)) == []
 
 
-def test_a_failed_mission_takes_only_a_vehicle_that_nobody_drives() -> None:
+def test_failed_mission_takes_only_undriven_vehicle() -> None:
     m = Member1()
     m.order()
     m.core.on_control(MANUAL, S)
@@ -99,7 +99,7 @@ def test_a_failed_mission_takes_only_a_vehicle_that_nobody_drives() -> None:
     assert taken(m.core.on_control(HELD, 3 * S)) == [False]
 
 
-def test_a_manoeuvre_is_played_and_a_newer_one_replaces_it() -> None:
+def test_manoeuvre_is_played_and_newer_one_replaces_it() -> None:
     m = Member1()
     first = manoeuvre("goto", {"x_m": 1.0, "y_m": 2.0}, "a", PlatformKind.UAV)
     second = manoeuvre("goto", {"x_m": 5.0, "y_m": 2.0}, "a", PlatformKind.UAV)
@@ -122,7 +122,7 @@ def test_a_manoeuvre_ends_the_running_mission() -> None:
     assert m.phase == "aborted"
 
 
-def test_a_manoeuvre_of_the_past_is_no_built_in_mission() -> None:
+def test_manoeuvre_of_past_is_no_built_in_mission() -> None:
     m = Member1()
     up = manoeuvre("takeoff", {"altitude_m": 4.0}, "a", PlatformKind.UAV)
     m.core.on_manoeuvre("takeoff", up, "test", S)
@@ -151,7 +151,7 @@ def test_a_manoeuvre_with_other_parameters_is_refused(
         manoeuvre(name, params, "a", PlatformKind(kind))
 
 
-def test_a_manoeuvre_out_of_range_is_refused_by_its_block() -> None:
+def test_manoeuvre_out_of_range_is_refused() -> None:
     with pytest.raises(MissionError, match="altitude_m"):
         manoeuvre("takeoff", {"altitude_m": -3.0}, "a", PlatformKind.UAV)
 
@@ -181,7 +181,7 @@ def test_a_reaction_takes_a_vehicle_that_holds() -> None:
     assert (m.phase, m.core.state().mission) == ("recovering", "land")
 
 
-def test_a_manoeuvre_of_an_operator_does_not_take_a_vehicle_whose_set_points_stop() -> None:
+def test_operators_manoeuvre_ignores_silent_set_points() -> None:
     m = Member1()
     m.core.on_abort("test", "land", 0)
     m.core.on_control(MANUAL, S)
@@ -199,20 +199,20 @@ def test_a_goto_is_replaced_by_a_reaction() -> None:
     assert m.core.state().mission == "land"
 
 
-def test_a_landing_is_not_replaced_by_a_weaker_reaction() -> None:
+def test_landing_is_not_replaced_by_weaker_reaction() -> None:
     m = Member1()
     m.core.on_abort("test", "land", 0)
     assert taken(m.core.on_reaction("gone", "hold", S)) == []
     assert m.core.state().mission == "land"
 
 
-def test_an_unknown_policy_in_a_mission_is_refused_with_its_place() -> None:
+def test_unknown_policy_is_refused_with_place() -> None:
     with pytest.raises(MissionError, match=r"/on_link_loss.*expected one of continue, land, hold, return"):
         load(with_key(on_link_loss="dance"), "m.json", Binding())
     assert load(with_key(on_link_loss="hold"), "m.json", Binding()).on_link_loss == "hold"
 
 
-def test_what_the_navigator_reports_while_the_vehicle_is_driven_by_hand_does_not_count() -> None:
+def test_navigator_reports_during_driving_do_not_count() -> None:
     timeouts = NavFaultTimeouts({NavError.NONE: 10.0, NavError.NO_WAY: 10.0})
     blocked = NavStatus(1, NavState.BLOCKED, error=NavError.NO_WAY)
     assert timeouts.lost(blocked, 0) is None
@@ -221,7 +221,7 @@ def test_what_the_navigator_reports_while_the_vehicle_is_driven_by_hand_does_not
     assert timeouts.lost(blocked, 22 * S) is not None
 
 
-def test_the_beacon_carries_who_drives_by_hand_only_while_somebody_does() -> None:
+def test_beacon_names_driver_only_during_driving() -> None:
     state = MissionState(1, "00000001", MissionPhase.RUNNING)
     held = msgspec.structs.replace(state, held_by="anna@gcs")
     assert MissionState.unpack(held.pack()) == held
@@ -229,7 +229,7 @@ def test_the_beacon_carries_who_drives_by_hand_only_while_somebody_does() -> Non
     assert len(held.pack()) == len(state.pack()) + len("anna@gcs") + 2
 
 
-def test_a_run_of_a_mission_has_the_policy_of_its_role() -> None:
+def test_run_of_mission_has_policy_of_its_role() -> None:
     mission = load(net(s="Start>e", e="End"), "m.json", Binding())
     assert Run(mission, "hop", "00", 1, "x", (A,)).mission.on_link_loss == ""
     assert HOLD.on_link_loss == ""

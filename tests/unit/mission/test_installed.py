@@ -64,7 +64,7 @@ def block(**spec: Any) -> type:
     return type("Other", (), {"spec": BlockType(**fields), "run": Spray.run})
 
 
-def test_a_block_of_a_package_stands_beside_the_built_in_ones(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_block_of_package_stands_beside_built_in_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     install(monkeypatch, Point("spray", Spray))
     found = installed.installed()
     assert found.find("Spray") is Spray.spec
@@ -100,7 +100,7 @@ def test_a_block_of_a_package_stands_beside_the_built_in_ones(monkeypatch: pytes
         ),
     ],
 )
-def test_a_block_that_cannot_be_used_is_named_with_the_reason_and_stops_no_other(
+def test_unusable_block_is_named_and_stops_none(
     content: Any, reason: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     install(monkeypatch, Point("bad", content), Point("spray", Spray))
@@ -124,7 +124,7 @@ def test_two_packages_cannot_have_one_name(monkeypatch: pytest.MonkeyPatch) -> N
     )
 
 
-def test_a_mission_with_a_block_that_cannot_be_used_names_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_mission_with_unusable_block_names_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     install(monkeypatch, Point("sprya", ImportError("no pump")))
     (finding, *_) = findings(type="Spray", next="e")
     assert finding[0] == "/mission/b"
@@ -190,7 +190,7 @@ def findings(**body: Any) -> list[tuple[str, str]]:
         ),
     ],
 )
-def test_an_error_in_a_block_of_a_package_is_named_as_precisely_as_in_a_built_in_one(
+def test_package_block_error_is_named_precisely(
     params: dict[str, Any], pointer: str, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     install(monkeypatch, Point("spray", Spray))
@@ -200,7 +200,7 @@ def test_an_error_in_a_block_of_a_package_is_named_as_precisely_as_in_a_built_in
 
 
 @pytest.mark.parametrize("params", [{"label": "5"}, {"code": "2"}, {"amount": "5"}, {"label": None}])
-def test_a_text_that_looks_like_a_number_stays_one_where_a_text_is_expected(
+def test_numeric_text_stays_text_where_expected(
     params: dict[str, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     install(monkeypatch, Point("spray", Spray))

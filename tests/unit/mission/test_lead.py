@@ -57,9 +57,7 @@ def lead_s(
         (0.0, 1, 0.25),
     ],
 )
-def test_the_common_time_leaves_the_news_time_to_travel(
-    beacon_hz: float, hops: int, expected_s: float
-) -> None:
+def test_common_time_leaves_news_time_to_travel(beacon_hz: float, hops: int, expected_s: float) -> None:
     assert lead_ns(MIN, beacon_hz, hops) == round(expected_s * S)
 
 
@@ -96,5 +94,5 @@ def test_a_lead_has_an_end() -> None:
     assert lead_s("uav2", own_hz=1.0, routes=(far,), uav1=1.0) * S == LEAD_MAX_NS
 
 
-def test_a_node_that_knows_nothing_of_the_network_yet_takes_the_shortest() -> None:
+def test_node_without_network_knowledge_takes_shortest() -> None:
     assert lead_to_ns(("uav1",), min_ns=MIN, own_hz=0.0, routes=None, neighbours=None) == MIN

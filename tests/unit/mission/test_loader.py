@@ -52,7 +52,7 @@ def test_published_missions_of_basic_blocks_are_sound(name: str) -> None:
     assert check_files([PUBLISHED / f"{name}.json"]) == []
 
 
-def test_a_published_mission_with_blocks_of_a_ros_plugin_gets_them_named() -> None:
+def test_published_ros_mission_names_its_plugin_blocks() -> None:
     found = [f for f in check_files([PUBLISHED / "mission1.json"]) if f.severity == "error"]
     assert {finding.rule for finding in found} == {"unknown-block"}
     assert [finding.pointer for finding in found] == [
@@ -64,7 +64,7 @@ def test_a_published_mission_with_blocks_of_a_ros_plugin_gets_them_named() -> No
     assert found[0].line == 12
 
 
-def test_numbers_may_be_texts_as_published_missions_write_them() -> None:
+def test_numbers_may_be_texts_in_missions() -> None:
     text = (PUBLISHED / "join_test_mission.json").read_text()
     params = load(text, "join.json", HERE).blocks["b2"].params
     assert isinstance(params, Wait)
@@ -94,12 +94,12 @@ def test_a_timeout_successor_has_three_spellings(edges: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("timeout", [{"timeout": "30000"}, {"timeout": 30_000}, {"timeout_s": 30}])
-def test_a_time_out_is_in_milliseconds_as_in_bdl_or_says_its_unit(timeout: dict[str, Any]) -> None:
+def test_time_out_is_milliseconds_or_has_unit(timeout: dict[str, Any]) -> None:
     text = line({"type": "Arm", **timeout})
     assert load(text, "m.json", HERE).blocks["b1"].timeout_s == 30.0
 
 
-def test_an_error_takes_its_own_successor_then_the_general_one_never_next() -> None:
+def test_error_takes_own_then_general_successor() -> None:
     text = line(
         {"type": "Goto", "x": 1, "y": 1, "on": {"blocked": "b2"}, "nextError": "b3"},
         {"type": "Hold"},
@@ -191,9 +191,7 @@ CHANCE = {"type": "DecisionRandom", "chanceForTrue": 0.5, "nextIfTrue": "b2", "n
         ({"type": "Barrier", "id": "$who"}, "/mission/b1/id", "variable $who: unknown"),
     ],
 )
-def test_a_mistake_in_a_block_is_named_with_its_place(
-    block: dict[str, Any], pointer: str, words: str
-) -> None:
+def test_mistake_in_block_is_named_with_its_place(block: dict[str, Any], pointer: str, words: str) -> None:
     text = line(block)
     found = [f for f in findings(text) if words in f.message]
     assert found, findings(text)
@@ -221,7 +219,7 @@ def test_a_mistake_in_a_block_is_named_with_its_place(
         (line(params={"a": None}), "/params/a", "expected a number"),
     ],
 )
-def test_a_mistake_beside_the_blocks_is_named_with_its_place(text: str, pointer: str, words: str) -> None:
+def test_mistake_beside_blocks_is_named_with_its_place(text: str, pointer: str, words: str) -> None:
     assert any(f.pointer == pointer and words in f.message for f in findings(text)), findings(text)
 
 
@@ -243,7 +241,7 @@ def test_all_mistakes_are_reported_at_once() -> None:
     assert len(str(caught.value).splitlines()) == 3
 
 
-def test_parameters_and_variables_take_their_place_with_their_type() -> None:
+def test_parameters_and_variables_keep_their_type() -> None:
     text = line(
         {"type": "Formation", "leader": "$param.head", "course": "$param.way", "slot": "$param.slot"},
         {"type": "Barrier", "id": "$mission of $param.head at $id"},
@@ -260,13 +258,13 @@ def test_parameters_and_variables_take_their_place_with_their_type() -> None:
     assert loaded.resources == {"power/battery"}
 
 
-def test_a_parameter_of_another_type_than_its_default_is_refused() -> None:
+def test_parameter_unlike_its_default_is_refused() -> None:
     text = line({"type": "Wait", "s": "$param.s"}, params={"s": 1})
     found = read(text, "m.json", Binding(params={"s": "long"})).findings
     assert [(f.pointer, f.rule) for f in found] == [("/params/s", "param-type")]
 
 
-def test_a_mission_shows_which_resources_its_decisions_look_at() -> None:
+def test_mission_shows_which_resources_its_decisions_look_at() -> None:
     text = mission(
         {
             "a": {"type": "Start", "next": "b"},
@@ -285,7 +283,7 @@ def test_a_mission_shows_which_resources_its_decisions_look_at() -> None:
 
 
 @given(st.text() | st.text('{}[]:," abmission', max_size=60))
-def test_any_text_is_refused_with_a_place_or_is_a_mission_with_a_start(text: str) -> None:
+def test_any_text_is_refused_or_has_start(text: str) -> None:
     reading, found = check_text(text, "m.json", HERE)
     if reading.mission is None:
         assert any(finding.severity == "error" for finding in found)
@@ -332,7 +330,7 @@ GRAPHS = st.dictionaries(NAMES, BLOCKS, max_size=5) | nearly_sound()
 
 @settings(max_examples=examples(60, 300))
 @given(GRAPHS)
-def test_a_mission_without_findings_has_a_start_an_end_and_no_successor_that_is_missing(
+def test_clean_mission_has_start_end_and_successors(
     blocks: dict[str, Any],
 ) -> None:
     text = json.dumps({"mission": blocks})

@@ -104,7 +104,7 @@ def test_the_mission_of_these_tests_is_sound() -> None:
         ),
     ],
 )
-def test_an_error_names_file_line_key_and_what_was_expected(old: str, new: str, message: str) -> None:
+def test_error_names_file_line_key_and_expectation(old: str, new: str, message: str) -> None:
     assert TEXT.count(old) == 1
     with pytest.raises(ConfigError) as caught:
         findings(TEXT.replace(old, new))
@@ -158,20 +158,18 @@ def test_a_manifest_without_roles_is_refused() -> None:
         ),
     ],
 )
-def test_a_value_that_the_roles_cannot_use_is_named_with_its_line(
-    old: str, new: str, line: int, message: str
-) -> None:
+def test_value_unusable_by_roles_names_its_line(old: str, new: str, line: int, message: str) -> None:
     (finding,) = findings(TEXT.replace(old, new))
     assert (finding.file, finding.line, finding.severity) == ("survey/mission.toml", line, "error")
     assert finding.message == message
 
 
-def test_a_parameter_of_a_role_that_may_be_empty_is_a_warning() -> None:
+def test_parameter_of_optional_role_is_warning() -> None:
     (finding,) = findings(TEXT.replace("take = 1", "take = 1\nrequired = false"))
     assert (finding.line, finding.severity, finding.rule) == (5, "warning", "role-optional")
 
 
-def test_the_finding_of_an_invalid_manifest_has_its_line(tmp_path: Any) -> None:
+def test_finding_of_invalid_manifest_has_its_line(tmp_path: Any) -> None:
     (tmp_path / "mission.toml").write_text(TEXT.replace("take = 1", "take = -1"))
     (finding,) = check_files([tmp_path])
     assert (finding.file, finding.line) == (f"{tmp_path}/mission.toml", 12)
@@ -196,7 +194,7 @@ def test_the_manifests_of_the_shipped_missions_are_valid(path: Any) -> None:
 
 
 @pytest.mark.parametrize("path", MISSIONS, ids=lambda path: path.parent.name)
-def test_a_shipped_mission_is_checked_without_a_process_of_its_own(path: Any) -> None:
+def test_shipped_mission_is_checked_in_process(path: Any) -> None:
     assert sound(check_folder(read_folder(path.parent), budget=Budget(QUICK_BYTES)))
 
 

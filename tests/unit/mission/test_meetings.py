@@ -61,7 +61,7 @@ FINE: dict[str, tuple[tuple[str, ...], tuple[int, ...]]] = {
 
 
 @pytest.mark.parametrize("name", HANGS)
-def test_what_can_wait_for_ever_is_refused_with_who_waits_where(name: str) -> None:
+def test_endless_wait_is_refused_with_its_place(name: str) -> None:
     texts, take = HANGS[name]
     (finding,) = judged(*texts, take=take)
     assert (finding.severity, finding.rule) == ("error", "barrier")
@@ -122,7 +122,7 @@ def told(texts: tuple[str, ...], take: tuple[int, ...]) -> list[Finding]:
 
 
 @pytest.mark.parametrize("name", FAILS)
-def test_a_failure_in_every_run_is_an_error_and_one_in_some_a_warning(name: str) -> None:
+def test_failure_in_every_run_is_error(name: str) -> None:
     texts, take, severity = FAILS[name]
     (finding,) = told(texts, take)
     assert finding.severity == severity
@@ -137,7 +137,7 @@ def test_equal_visits_do_not_fail(name: str) -> None:
     assert told(texts, take) == []
 
 
-def test_the_way_to_a_failure_names_the_choices_and_the_role_that_has_ended() -> None:
+def test_way_to_failure_names_choices_and_role() -> None:
     (finding,) = told((ROUND, ONCE), (1, 1))
     assert finding.trace == ("'x' opened", "a: d:true", "b: ends", "'x' broke")
     assert "role 'a' fails in this run: 'x' broke: b will not come to it any more" in finding.message
@@ -150,7 +150,7 @@ def test_the_way_to_a_hang_names_the_meetings() -> None:
     assert finding.trace == ("'one' opened",)
 
 
-def test_two_branches_at_one_barrier_at_the_same_time_are_one_too_many() -> None:
+def test_two_branches_at_one_barrier_are_refused() -> None:
     text = net(s="Start>f", f="Fork>a,b", a=meet("one", "j"), b=meet("one", "j"), j="Join>e", e="End")
     (finding,) = judged(text)
     assert "two branches wait there at the same time" in finding.message
@@ -164,7 +164,7 @@ def test_a_quorum_above_the_members_is_refused() -> None:
     assert judged(text, text, take=(1, 0)) == []
 
 
-def test_a_barrier_without_a_way_on_when_it_breaks_is_a_warning() -> None:
+def test_barrier_without_broken_exit_is_warning() -> None:
     manifest = '[[roles]]\nname = "a"\nfile = "a.json"\nkinds = ["uav"]\n'
     files = [MissionFile("mission.toml", f'name = "x"\n{manifest}'), MissionFile("a.json", ONE_TWO)]
     found = check_folder(from_files(files, ""))
@@ -174,7 +174,7 @@ def test_a_barrier_without_a_way_on_when_it_breaks_is_a_warning() -> None:
     ]
 
 
-def test_an_ensemble_with_more_states_than_the_budget_is_not_flown() -> None:
+def test_ensemble_beyond_state_budget_is_refused() -> None:
     body: dict[str, Any] = {"s": "Start>d0", "e": "End"}
     for n in range(10):
         body[f"d{n}"] = choice(f"m{n}", f"d{n + 1}" if n < 9 else "e")

@@ -73,7 +73,7 @@ async def bells() -> None:
         await asyncio.sleep(0.001)
 
 
-async def test_without_a_mission_changes_wait_for_the_instant_of_all_or_for_a_decision_by_them(
+async def test_changes_without_mission_wait_for_decision(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(member_states, "IDLE_NS", 3600 * 1_000_000_000)
@@ -90,7 +90,7 @@ async def test_without_a_mission_changes_wait_for_the_instant_of_all_or_for_a_de
         assert swarm.taken == [], "each change is passed on once"
 
 
-async def test_when_a_mission_begins_what_waits_is_passed_on_and_then_each_change_at_once(
+async def test_mission_start_releases_waiting_changes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(member_states, "IDLE_NS", 3600 * 1_000_000_000)
@@ -108,7 +108,7 @@ async def test_when_a_mission_begins_what_waits_is_passed_on_and_then_each_chang
             assert await swarm.next() == [name]
 
 
-async def test_without_a_mission_changes_are_passed_on_at_the_next_instant(tmp_path: Path) -> None:
+async def test_changes_without_mission_pass_at_next_instant(tmp_path: Path) -> None:
     async with rig(tmp_path) as swarm:
         swarm.publish("uav7")
         assert await swarm.next() == ["uav7"]

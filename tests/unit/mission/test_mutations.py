@@ -95,7 +95,7 @@ def damage(chance: Random, text: str) -> str:
 
 
 @pytest.mark.parametrize("part", range(2))
-def test_a_changed_mission_is_judged_by_loader_and_schema_alike(part: int) -> None:
+def test_mutation_is_judged_alike_by_both_readers(part: int) -> None:
     seen: Counter[bool] = Counter()
     for seed in range(part * 150, part * 150 + 150):
         chance = Random(seed)
@@ -116,7 +116,7 @@ def test_a_changed_mission_is_judged_by_loader_and_schema_alike(part: int) -> No
     assert seen[False] > 100
 
 
-def test_damaged_text_is_refused_with_findings_and_a_damaged_manifest_with_a_configuration_error() -> None:
+def test_damaged_text_is_refused_with_findings() -> None:
     files = [MissionFile(path.name, path.read_text()) for path in sorted(FORMATION.iterdir())]
     refused = 0
     for seed in range(150):
@@ -139,6 +139,6 @@ def test_damaged_text_is_refused_with_findings_and_a_damaged_manifest_with_a_con
     assert refused > 100
 
 
-def test_a_text_that_is_no_utf_8_is_a_configuration_error_that_names_the_file() -> None:
+def test_text_outside_utf_8_names_its_file() -> None:
     with pytest.raises(ConfigError, match=r"trial: file 'm\.json'.*expected UTF-8"):
         from_files([MissionFile("m.json", '{"mission": "\ud800"}')], "trial")

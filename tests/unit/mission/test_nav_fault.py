@@ -16,7 +16,7 @@ def status(error: NavError, note: str = "", state: str = "holding") -> NavStatus
 
 
 @pytest.mark.parametrize("error", [error for error in NavError if error is not NavError.NONE])
-def test_each_error_ends_the_motion_with_its_kind_after_its_time(error: NavError) -> None:
+def test_each_error_ends_motion_after_its_time(error: NavError) -> None:
     timeouts = NavFaultTimeouts(LIMITS)
     limit_s = {NavError.DISARMED: 1, NavError.BAD_GOAL: 0}.get(error, 5)
     if limit_s:
@@ -32,7 +32,7 @@ def test_words_of_a_note_decide_nothing(note: str) -> None:
         assert timeouts.lost(status(NavError.NONE, note), second * S) is None
 
 
-def test_another_error_and_a_good_word_begin_the_time_again() -> None:
+def test_another_error_and_good_word_begin_time_again() -> None:
     timeouts = NavFaultTimeouts(LIMITS)
     assert timeouts.lost(status(NavError.NO_WAY), 0) is None
     assert timeouts.lost(status(NavError.LEADER_LOST), 4 * S) is None
@@ -48,13 +48,13 @@ def test_blocked_without_a_reason_is_blocked() -> None:
     assert lost == ("blocked", "the navigator makes no progress")
 
 
-def test_every_kind_is_one_that_a_motion_names_in_the_catalogue() -> None:
+def test_every_kind_is_in_motion_catalogue() -> None:
     assert KINDS.keys() == set(NavError)
     named = {kind for block in BLOCKS if block.motion for kind in block.errors}
     assert set(KINDS.values()) <= named
 
 
-def test_an_error_that_a_later_navigator_reports_fails_the_motion_as_one_without_a_cause_does() -> None:
+def test_unknown_navigator_error_fails_motion_alike() -> None:
     timeouts = NavFaultTimeouts(LIMITS)
     later = status(NavError("gripper_stuck"), "left finger")
     assert timeouts.lost(later, 0) is None

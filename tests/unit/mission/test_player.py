@@ -109,7 +109,7 @@ def test_a_join_waits_for_all_its_branches() -> None:
     assert short(p.on_ended(1, result("ok"), S)) == ["start c 3"]
 
 
-def test_a_join_waits_for_all_its_branches_each_time() -> None:
+def test_join_waits_for_all_its_branches_each_time() -> None:
     p = branches(after="f")
     p.start(0)
     p.on_ended(1, result("ok"), S)
@@ -119,7 +119,7 @@ def test_a_join_waits_for_all_its_branches_each_time() -> None:
     assert short(p.on_ended(5, result("ok"), S)) == ["start c 6"]
 
 
-def test_an_end_cancels_what_still_runs_and_waits_for_it() -> None:
+def test_end_cancels_and_awaits_running_blocks() -> None:
     p = player(net(s="Start>f", f="Fork>a,w", a=ARM, w="Wait>e2", e="End", e2="End"))
     p.start(0)
     assert short(p.advance(S)) == ["cancel 1"]
@@ -127,7 +127,7 @@ def test_an_end_cancels_what_still_runs_and_waits_for_it() -> None:
     assert short(p.on_ended(1, result("cancelled"), S)) == ["done"]
 
 
-def test_an_end_takes_pauses_and_barriers_along_at_once() -> None:
+def test_end_takes_pauses_and_barriers_along_at_once() -> None:
     barrier = {"type": "Barrier", "id": "x", "next": "e"}
     p = player(net(s="Start>f", f="Fork>b,w,a", b=barrier, w="Wait>e", a=ARM, e="End"))
     assert short(p.start(0)) == ["barrier b 1 1", "start a 3"]
@@ -143,7 +143,7 @@ def test_an_end_takes_pauses_and_barriers_along_at_once() -> None:
         ({"on": {"no_vehicle": "x"}}, "error:refused", "failed: a ended with error:refused: no"),
     ],
 )
-def test_an_error_goes_to_its_successor_or_fails_the_mission(
+def test_error_goes_to_its_successor_or_fails_mission(
     block: dict[str, Any], outcome: str, expected: str
 ) -> None:
     p = player(net(s="Start>a", a={**ARM, **block}, x={"type": "Hold", "next": "e"}, e="End"))
@@ -151,7 +151,7 @@ def test_an_error_goes_to_its_successor_or_fails_the_mission(
     assert short(p.on_ended(1, result(outcome), 1, "no")) == [expected]
 
 
-def test_a_block_that_takes_too_long_is_cancelled_before_its_successor_starts() -> None:
+def test_overdue_block_is_cancelled_before_successor() -> None:
     p = player(
         net(
             s="Start>a",
@@ -166,14 +166,14 @@ def test_a_block_that_takes_too_long_is_cancelled_before_its_successor_starts() 
     assert short(p.on_ended(1, result("cancelled"), 3 * S + 5)) == ["start x 2"]
 
 
-def test_a_time_out_without_a_successor_fails_the_mission() -> None:
+def test_time_out_without_successor_fails_mission() -> None:
     p = player(net(s="Start>a", a={**ARM, "timeout_s": 3}, e="End"))
     p.start(0)
     p.advance(3 * S)
     assert short(p.on_ended(1, result("cancelled"), 3 * S)) == ["failed: a ended with timeout"]
 
 
-def test_a_block_that_does_not_end_when_cancelled_is_abandoned() -> None:
+def test_uncancellable_block_is_abandoned() -> None:
     p = player(net(s="Start>a", a={**ARM, "timeout_s": 1}, e="End"))
     p.start(0)
     p.advance(S)
@@ -231,7 +231,7 @@ def test_an_end_may_say_that_the_mission_failed() -> None:
     assert short(p.advance(S)) == ["failed: came to e"]
 
 
-def test_a_mission_that_is_stopped_says_why_once_all_is_quiet() -> None:
+def test_stopped_mission_reports_reason_when_quiet() -> None:
     p = player(net(s="Start>f", f="Fork>a,w", a=ARM, w="Wait>e", e="End"))
     p.start(0)
     assert short(p.stop(PlayResult.ABORTED, "operator", 1)) == ["cancel 1"]
@@ -239,7 +239,7 @@ def test_a_mission_that_is_stopped_says_why_once_all_is_quiet() -> None:
     assert short(p.on_ended(1, result("cancelled"), 3)) == ["aborted: operator"]
 
 
-def test_an_unsound_mission_fails_instead_of_doubling_a_block() -> None:
+def test_unsound_mission_fails_instead_of_doubling_block() -> None:
     p = player(net(s="Start>f", f="Fork>w,v", w="Wait>a", v="Wait>a", a=ARM, e="End"))
     p.start(0)
     actions = p.advance(S)
@@ -252,7 +252,7 @@ def test_an_unsound_loop_fails_instead_of_hanging() -> None:
     assert "livelock" in short(p.start(0))[0]
 
 
-def test_a_second_block_with_the_same_barrier_id_is_the_second_meeting() -> None:
+def test_second_block_of_barrier_is_second_meeting() -> None:
     meet = {"type": "Barrier", "id": "m"}
     text = net(
         s="Start>a",

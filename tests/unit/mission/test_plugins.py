@@ -67,28 +67,28 @@ def run(folder: Path, mission: str = MISSION) -> subprocess.CompletedProcess[str
     )
 
 
-def test_every_functional_block_of_the_catalogue_has_a_class() -> None:
+def test_every_functional_block_of_catalogue_has_class() -> None:
     names = {block.name for block in BLOCKS if not block.control}
     assert {cls.spec.name for cls in BUILT_IN} == names  # type: ignore[attr-defined]  # each has a spec
     for name in names:
         assert installed().make(name).spec.name == name
 
 
-def test_a_block_of_another_package_is_checked_and_played(tmp_path: Path) -> None:
+def test_block_of_another_package_is_checked_and_played(tmp_path: Path) -> None:
     package(tmp_path)
     done = run(tmp_path)
     assert done.stderr == ""
     assert done.stdout == "['shoot: 3 taken']\n"
 
 
-def test_its_parameters_are_checked_like_those_of_the_built_in_ones(tmp_path: Path) -> None:
+def test_plugin_parameters_are_checked_like_built_in(tmp_path: Path) -> None:
     package(tmp_path)
     done = run(tmp_path, MISSION.replace('"count": 3', '"count": 0'))
     assert "/mission/shoot/count" in done.stdout
     assert ">= 1" in done.stdout
 
 
-def test_a_package_cannot_take_the_name_of_a_built_in_block(tmp_path: Path) -> None:
+def test_package_cannot_take_name_of_built_in_block(tmp_path: Path) -> None:
     package(tmp_path, "Land")
     done = run(tmp_path)
     assert "/mission/shoot/type: block type 'TakePhoto': unknown" in done.stdout

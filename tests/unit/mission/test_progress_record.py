@@ -37,7 +37,7 @@ def step(event: str, at_ns: int, block: str = "") -> MissionProgress:
     return MissionProgress("formation", 7, block, "Mission", event, at_ns)
 
 
-async def test_steps_are_written_together_in_their_order_and_with_their_own_stamps() -> None:
+async def test_steps_are_written_in_order_with_stamps() -> None:
     clock = Clock()
     writer = Written(clock)
     record = ProgressRecord(writer, clock)
@@ -50,7 +50,7 @@ async def test_steps_are_written_together_in_their_order_and_with_their_own_stam
     assert writer.at_ns[0] // PERIOD_NS > began_ns // PERIOD_NS, "at a shared instant or later"
 
 
-async def test_a_step_after_a_written_one_is_written_too() -> None:
+async def test_step_after_written_one_is_written_too() -> None:
     clock = Clock()
     writer = Written(clock)
     record = ProgressRecord(writer, clock)
@@ -71,7 +71,7 @@ async def test_what_is_left_at_the_end_is_written() -> None:
     assert len(writer.found) == 1
 
 
-async def test_a_change_of_state_is_logged_as_info_and_a_step_of_a_block_as_debug(
+async def test_state_change_is_info_step_is_debug(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     clock = Clock()

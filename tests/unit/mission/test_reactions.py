@@ -61,7 +61,7 @@ def hot(*rows: ReactionRow) -> World:
     return world
 
 
-def test_a_row_acts_once_when_its_condition_has_held_for_its_time() -> None:
+def test_row_acts_once_after_hold_time() -> None:
     world = hot(row(for_s=2.5))
     assert world.look() == []
     assert world.phases() == {"hot": "pending"}
@@ -77,7 +77,7 @@ def test_a_row_acts_once_when_its_condition_has_held_for_its_time() -> None:
     assert [world.look() for _ in range(4)] == [[], [], [], [("hot", "land")]]
 
 
-def test_a_break_of_the_condition_begins_the_hold_time_again() -> None:
+def test_break_of_condition_begins_hold_time_again() -> None:
     world = hot(row(for_s=2.0))
     for holds in (True, True, False, True, True):
         world.values["my/oven.hot"] = holds
@@ -85,7 +85,7 @@ def test_a_break_of_the_condition_begins_the_hold_time_again() -> None:
     assert world.look() == [("hot", "land")]
 
 
-def test_an_unknown_value_never_causes_a_reaction_and_ends_one() -> None:
+def test_unknown_value_never_causes_reaction_and_ends_one() -> None:
     world = World(row(), row("cold", when="not my/oven.hot"))
     assert world.look() == []
     assert world.phases() == {"hot": "idle", "cold": "idle"}
@@ -100,12 +100,12 @@ def test_an_unknown_value_never_causes_a_reaction_and_ends_one() -> None:
     ("where", "acts"),
     [("air", (True, False, False)), ("ground", (False, True, False)), ("any", (True, True, False))],
 )
-def test_a_row_applies_where_it_says_and_to_armed_vehicles_only(where: str, acts: tuple[bool, ...]) -> None:
+def test_row_applies_to_stated_armed_vehicles_only(where: str, acts: tuple[bool, ...]) -> None:
     for situation, expected in zip((AIR, GROUND, RESTS), acts, strict=True):
         assert hot(row(where=where)).look(situation) == ([("hot", "land")] if expected else [])
 
 
-def test_a_row_that_does_not_apply_any_more_is_idle() -> None:
+def test_inapplicable_row_becomes_idle() -> None:
     world = hot(row())
     world.look()
     world.look(GROUND)
@@ -119,7 +119,7 @@ def test_the_strongest_of_several_actions_comes_first() -> None:
     assert len(world.changed) == len(STRENGTH)
 
 
-def test_the_other_action_is_taken_where_the_first_is_not_possible() -> None:
+def test_alternative_action_replaces_impossible_first() -> None:
     keys = {"action": "return", "possible": "my/way.left > 0.2", "otherwise": "land"}
     for left, expected in ((0.3, "return"), (0.1, "land"), (None, "land")):
         world = hot(row(**keys))
@@ -129,7 +129,7 @@ def test_the_other_action_is_taken_where_the_first_is_not_possible() -> None:
     assert world.reasons == ["my/oven.hot; return is not possible: not my/way.left > 0.2"]
 
 
-def test_an_action_that_becomes_impossible_is_replaced_once_and_stays_so() -> None:
+def test_action_becoming_impossible_is_replaced_once() -> None:
     world = hot(row(action="return", possible="my/way.left > 0.2", otherwise="land"))
     world.values["my/way.left"] = 0.3
     assert world.look() == [("hot", "return")]
@@ -141,7 +141,7 @@ def test_an_action_that_becomes_impossible_is_replaced_once_and_stays_so() -> No
     assert world.table.states()[0].action == "land"
 
 
-def test_an_order_after_a_reaction_stands_unless_the_row_is_lasting() -> None:
+def test_order_after_reaction_stands_unless_row_is_lasting() -> None:
     once, lasting = hot(row(action="return", possible="my/way.ok", otherwise="land")), hot(row(lasting=True))
     once.values["my/way.ok"] = True
     for world in (once, lasting):
@@ -157,7 +157,7 @@ def test_an_order_after_a_reaction_stands_unless_the_row_is_lasting() -> None:
     ("order", "refused"),
     [("goto", True), ("survey", True), ("hold", True), ("return", True), ("land", False)],
 )
-def test_a_lasting_reaction_refuses_weaker_orders_with_its_reason(order: str, refused: bool) -> None:
+def test_lasting_reaction_refuses_weaker_orders_with_its_reason(order: str, refused: bool) -> None:
     world = hot(row(lasting=True, says="too hot"))
     world.table.check_order(order)
     world.look()
@@ -170,7 +170,7 @@ def test_a_lasting_reaction_refuses_weaker_orders_with_its_reason(order: str, re
         world.table.check_order(order)
 
 
-def test_a_row_of_a_mission_precedes_that_of_the_platform_by_its_name() -> None:
+def test_mission_row_precedes_platform_row_by_name() -> None:
     platform, mission = row(), row(action="hold")
     world = hot()
     world.table.set_rows([mission, platform], {})
@@ -186,7 +186,7 @@ def test_a_row_of_a_mission_precedes_that_of_the_platform_by_its_name() -> None:
     assert world.look() == [("hot", "land")]
 
 
-def test_a_row_that_only_a_mission_has_is_dropped_when_it_is_idle() -> None:
+def test_mission_only_row_is_dropped_when_idle() -> None:
     world = hot()
     world.table.set_rows([row("own")], {})
     world.look()
@@ -197,7 +197,7 @@ def test_a_row_that_only_a_mission_has_is_dropped_when_it_is_idle() -> None:
     assert world.phases() == {}
 
 
-def test_the_hold_time_of_a_row_that_is_changed_meanwhile_continues() -> None:
+def test_hold_time_of_changed_row_continues() -> None:
     world = hot(row(for_s=30.0))
     world.look()
     for _ in range(4):
@@ -206,7 +206,7 @@ def test_the_hold_time_of_a_row_that_is_changed_meanwhile_continues() -> None:
     assert world.look() == [("hot", "hold")]
 
 
-def test_time_in_which_the_node_did_not_run_is_no_hold_time() -> None:
+def test_time_without_node_is_no_hold_time() -> None:
     world = hot(row(for_s=5.0))
     world.look()
     assert world.look(after_s=60.0) == []
@@ -217,7 +217,7 @@ def test_time_in_which_the_node_did_not_run_is_no_hold_time() -> None:
     ("policy", "expected"),
     [("continue", []), ("hold", [("link_loss", "hold")]), ("land", [("link_loss", "land")])],
 )
-def test_a_lost_link_is_a_row_with_the_policy_as_its_action(policy: str, expected: list[Any]) -> None:
+def test_lost_link_is_row_with_policy(policy: str, expected: list[Any]) -> None:
     world = World(link_loss_row(policy, 30.0))
     world.values |= {"mission/state.state": "running", "mission/state.mission": "return"}
     for _ in range(99):
@@ -284,9 +284,7 @@ def test_the_shipped_rows_watch_the_battery(world: World, expected: list[tuple[s
         ("contact=touched", [("ground_touched", "land")]),
     ],
 )
-def test_the_shipped_rows_land_after_faults_of_the_flight(
-    fault: str, expected: list[tuple[str, str]]
-) -> None:
+def test_shipped_rows_land_after_faults_of_flight(fault: str, expected: list[tuple[str, str]]) -> None:
     world = shipped()
     state = HealthState("error", "ok", faults=("guard/x=died", f"hal/flight/{fault}"))
     world.value = lambda path, field: (  # type: ignore[method-assign]
@@ -296,7 +294,7 @@ def test_the_shipped_rows_land_after_faults_of_the_flight(
     assert world.look(GROUND, 0.0) == []
 
 
-def test_the_shipped_rows_land_without_a_position_and_after_a_restart_of_the_mission_daemon() -> None:
+def test_shipped_rows_land_without_position_after_restart() -> None:
     world = shipped(age_s=2.0)
     assert [world.look() for _ in range(9)] == [[]] * 9
     assert world.look() == [("position_lost", "land")]
@@ -326,7 +324,7 @@ def test_the_shipped_rows_land_without_a_position_and_after_a_restart_of_the_mis
         ({"for_s": -1.0}, "`float` >= 0.0"),
     ],
 )
-def test_a_row_that_makes_no_sense_is_refused_with_its_place(keys: dict[str, Any], text: str) -> None:
+def test_senseless_row_is_refused_with_place(keys: dict[str, Any], text: str) -> None:
     with pytest.raises(msgspec.ValidationError) as caught:
         row(**keys)
     assert text in str(caught.value)
@@ -336,7 +334,7 @@ def test_a_row_that_makes_no_sense_is_refused_with_its_place(keys: dict[str, Any
     ("names", "text"),
     [(("a", "a"), "'a' is a row already; expected unique names"), (("link_loss",), "is set by the keys")],
 )
-def test_names_of_rows_are_unique_and_link_loss_is_a_setting(names: tuple[str, ...], text: str) -> None:
+def test_row_names_are_unique_and_setting_exists(names: tuple[str, ...], text: str) -> None:
     rows = tuple(row(name) for name in names)
     with pytest.raises(InvalidInput, match=text):
         Config(reaction=rows)
@@ -353,7 +351,7 @@ def test_rows_travel_with_an_order() -> None:
             decode_rows(text)
 
 
-def test_a_note_says_why_a_row_can_never_act() -> None:
+def test_note_says_why_row_can_never_act() -> None:
     world = World()
     world.table.set_rows([row()], {"hot": "no such field"})
     assert world.table.states()[0].note == "no such field"
@@ -372,9 +370,7 @@ def test_a_note_says_why_a_row_can_never_act() -> None:
         ("hold", "hold", "hold"),
     ],
 )
-def test_a_weaker_action_never_replaces_a_stronger_one_that_runs(
-    first: str, second: str, played: str
-) -> None:
+def test_weaker_action_never_replaces_stronger_one_that_runs(first: str, second: str, played: str) -> None:
     m = Member1()
     m.core.on_reaction("one", first, S)
     m.core.on_reaction("two", second, 2 * S)
@@ -393,7 +389,7 @@ def test_a_reaction_ends_a_running_mission() -> None:
     assert (m.phase, m.core.state().mission) == ("recovering", "land")
 
 
-def test_a_stronger_reaction_replaces_a_weaker_one_that_is_about_to_begin() -> None:
+def test_stronger_reaction_replaces_pending_weaker() -> None:
     m = Member1()
     m.order()
     m.core.on_reaction("fence", "hold", S)
@@ -416,7 +412,7 @@ def test_orders_are_counted_and_reactions_are_not() -> None:
     assert m.core.orders == 2
 
 
-def test_rows_and_policy_of_a_mission_count_while_it_runs() -> None:
+def test_mission_rows_count_while_it_runs() -> None:
     m = Member1()
     assert (m.core.rows, m.core.on_link_loss) == ((), "")
     m.order(ARM.replace("{", '{"on_link_loss": "hold", ', 1))

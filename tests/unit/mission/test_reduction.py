@@ -53,7 +53,7 @@ TWO_TOKENS = ("error", "two-tokens")
 
 @settings(max_examples=examples(100, 300))
 @given(st.integers(0, 2**32))
-def test_the_same_is_found_in_a_net_with_and_without_reduction(seed: int) -> None:
+def test_reduced_net_gives_same_findings(seed: int) -> None:
     compared = both(tangle(Random(seed)))
     if compared is None:
         return
@@ -64,7 +64,7 @@ def test_the_same_is_found_in_a_net_with_and_without_reduction(seed: int) -> Non
         assert found == wanted
 
 
-def test_the_compared_nets_have_all_that_can_be_found() -> None:
+def test_compared_nets_have_all_that_can_be_found() -> None:
     seen: Counter[str] = Counter()
     for seed in range(400):
         compared = both(tangle(Random(seed)))
@@ -94,7 +94,7 @@ def test_the_compared_nets_have_all_that_can_be_found() -> None:
     ],
     ids=["an End at once", "an End of one branch"],
 )
-def test_nothing_is_merged_that_an_end_can_tell_apart(text: str, rules: set[str]) -> None:
+def test_states_that_end_distinguishes_stay_separate(text: str, rules: set[str]) -> None:
     compared = both(text)
     assert compared is not None
     assert [{rule for _, rule in found} for found in compared] == [rules, rules]
@@ -164,7 +164,7 @@ LARGE: dict[str, Callable[[], str]] = {
 
 
 @pytest.mark.parametrize("name", LARGE)
-def test_a_wide_harmless_mission_is_sound_within_the_quick_budget(name: str) -> None:
+def test_wide_harmless_mission_is_sound_within_quick_budget(name: str) -> None:
     mission = load(LARGE[name](), "m.json", HERE)
     # twice the 10 ms that the event loop grants
     budget = Budget(2 * QUICK_BYTES)
@@ -214,14 +214,14 @@ def test_one_wrong_branch_among_two_hundred_is_found(name: str) -> None:
     assert "too-large" not in {remark.rule for remark in found}
 
 
-def test_what_is_wrong_in_a_large_mission_has_a_way_there() -> None:
+def test_error_in_large_mission_has_way_there() -> None:
     text = wide(30, lambda n: {f"w{n}": f"Wait>v{n}", f"v{n}": "Wait>v0" if n == 9 else "Wait>j"})
     remark = next(r for r in soundness.check(load(text, "m.json", HERE)) if r.rule == "two-tokens")
     assert remark.block in {"v0", "j"}  # two tokens there, or two on the way from there to the Join
     assert {"s", "f", "w0", "w9", "v9"} <= set(remark.trace)
 
 
-def test_a_mission_that_is_too_large_is_neither_sound_nor_wrong() -> None:
+def test_oversized_mission_is_neither_sound_nor_invalid() -> None:
     findings = check_text(lattice(12, 3), "m.json", HERE, budget=Budget(1 << 20))[1]
     assert [(f.severity, f.rule) for f in findings] == [("unknown", "too-large")]
     assert "13 blocks can run at the same time (" in findings[0].message
@@ -310,7 +310,7 @@ def kind_of(found: object) -> tuple[str, bool]:
     return type(found).__name__, isinstance(found, meetings.Failure) and found.certain
 
 
-def test_members_hang_and_fail_in_reduced_nets_where_they_do_in_whole_ones(
+def test_reduced_nets_hang_and_fail_like_whole(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     seen: Counter[tuple[str, bool]] = Counter()
@@ -334,7 +334,7 @@ def test_members_hang_and_fail_in_reduced_nets_where_they_do_in_whole_ones(
     assert not missing
 
 
-def test_two_hundred_pauses_beside_a_barrier_are_checked_in_an_ensemble() -> None:
+def test_two_hundred_pauses_beside_barrier_are_checked() -> None:
     meet = {"type": "Barrier", "id": "all", "next": "j", "nextTimeout": "j", "timeout_s": 9}
     text = wide(200, lambda n: {f"w{n}": meet if n == 0 else "Wait>j"})
     manifest = 'name = "trial"\n[[roles]]\nname = "a"\nfile = "m.json"\nkinds = ["uav", "ugv"]\n'
@@ -377,7 +377,7 @@ def own_ways(n: int) -> dict[str, Any]:
 
 @pytest.mark.parametrize("branches", [12, 200])
 @pytest.mark.parametrize("body", [plain, after_a_pause, after_arming, twice, timed])
-def test_barriers_in_parallel_branches_that_are_alike_are_sound_within_the_budget(
+def test_alike_parallel_barriers_are_sound_within_budget(
     body: Callable[[int], dict[str, Any]], branches: int
 ) -> None:
     found = check_folder(in_the_air(branches, body))
@@ -386,7 +386,7 @@ def test_barriers_in_parallel_branches_that_are_alike_are_sound_within_the_budge
 
 @pytest.mark.parametrize("branches", [12, 200])
 @pytest.mark.parametrize("of_one_role", [own_ways, None], ids=["meetings", "one mission"])
-def test_a_check_that_is_too_large_ends_soon_and_names_the_blocks(
+def test_oversized_check_ends_soon_and_names_blocks(
     of_one_role: Callable[[int], dict[str, Any]] | None, branches: int
 ) -> None:
     """The time is bounded by the states: about one second of a processor."""
@@ -402,7 +402,7 @@ def alone(text: str) -> Folder:
     return from_files([MissionFile("m.json", text)], "")
 
 
-def test_an_ensemble_with_too_many_barriers_side_by_side_names_them() -> None:
+def test_ensemble_with_many_parallel_barriers_names_them() -> None:
     (finding,) = check_folder(in_the_air(14, own_ways), budget=Budget(4 << 20))
     assert (finding.severity, finding.rule, finding.pointer) == ("unknown", "too-large", "/mission/w0")
     assert "role 'air' can wait at 14 barriers at the same time (w0, w1, w2, w3, …)" in finding.message

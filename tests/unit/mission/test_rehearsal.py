@@ -57,7 +57,7 @@ def unused(order: MissionOrder, mission: MissionDefinition) -> None:
     """Stands for the acceptance of orders."""
 
 
-async def test_a_part_is_read_when_the_same_platforms_are_there_twice_and_only_once(tmp_path: Path) -> None:
+async def test_part_needs_exactly_two_equal_platforms(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("mission", node=node) as m:
         checker = Checker(built_in())
         rehearsal = Rehearsal("uav1", store(tmp_path, checker), checker, Values(m), unused)
@@ -67,7 +67,7 @@ async def test_a_part_is_read_when_the_same_platforms_are_there_twice_and_only_o
         assert [rehearsal.due(now) for now in (all_, few, all_, few, few)] == [False] * 4 + [True]
 
 
-async def test_an_order_of_a_stored_mission_is_answered_from_memory(
+async def test_order_of_stored_mission_is_answered_from_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with tmp_node(tmp_path) as node, Module("mission", node=node) as m:

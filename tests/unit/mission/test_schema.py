@@ -22,7 +22,7 @@ VALIDATOR = jsonschema.Draft202012Validator(json.loads(SHIPPED.read_text()))
 MISSIONS = sorted((share_dir() / "missions").rglob("*.json"))
 
 
-def test_the_shipped_schema_is_the_one_of_the_catalogue() -> None:
+def test_shipped_schema_is_one_of_catalogue() -> None:
     assert SHIPPED.read_text() == mission_schema(), "make docs"
     jsonschema.Draft202012Validator.check_schema(json.loads(SHIPPED.read_text()))
 
@@ -119,7 +119,7 @@ def body(draw: st.DrawFn) -> dict[str, Any]:
 
 @settings(max_examples=examples(60, 300))
 @given(body())
-def test_loader_and_schema_agree_about_the_form_of_every_block(block: dict[str, Any]) -> None:
+def test_loader_and_schema_agree_about_every_block(block: dict[str, Any]) -> None:
     document = {"mission": {"a": block}}
     findings = [
         finding
@@ -142,7 +142,7 @@ TOP: dict[str, st.SearchStrategy[Any]] = {
 
 
 @given(st.fixed_dictionaries({}, optional=TOP))
-def test_loader_and_schema_agree_about_the_keys_beside_the_blocks(top: dict[str, Any]) -> None:
+def test_loader_and_schema_agree_about_keys_beside_blocks(top: dict[str, Any]) -> None:
     document = {"mission": {"a": {"type": "End"}}, **top}
     findings = read(json.dumps(document), "m.json", Binding()).findings
     wrong = any(finding.rule not in BEYOND_FORM for finding in findings)

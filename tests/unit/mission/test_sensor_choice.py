@@ -43,7 +43,7 @@ def findings(**block: Any) -> list[str]:
         ({}, "nav/pose", Imu, False),
     ],
 )
-def test_a_sensor_is_meant_by_its_path_and_by_what_it_measures(
+def test_sensor_is_selected_by_path_or_quantity(
     block: dict[str, str], path: str, cls: Any, meant: bool
 ) -> None:
     assert SensorChoice(WaitForSensor(**block)).means(path, cls) is meant
@@ -61,19 +61,19 @@ def test_a_sensor_is_meant_by_its_path_and_by_what_it_measures(
         ("speed > 1", 0.5, False),
     ],
 )
-def test_a_fresh_value_that_meets_the_condition_is_enough(until: str, age_s: float, enough: bool) -> None:
+def test_fresh_value_that_meets_condition_is_enough(until: str, age_s: float, enough: bool) -> None:
     choice = SensorChoice(WaitForSensor(until=until))
     assert choice.suffices(GnssFix(47.0, 8.0, 400.0, 1.5, 8), age_s, 2.0) is enough
 
 
-def test_a_type_of_a_package_that_only_the_vehicle_has_is_known_by_its_template() -> None:
+def test_package_type_is_known_by_vehicle_template() -> None:
     waits = load(mission(measures="Co2"), "m.json", Binding())
     template = [Resource(path="sensor/co2", type="Co2", rate_hz=1.0)]
     for resources, severity in ((template, "warning"), ([], "error")):
         assert [problem.severity for problem in Vocabulary(resources).check(waits)] == [severity]
 
 
-def test_a_sensor_of_the_templates_is_sound_with_fields_of_its_type() -> None:
+def test_template_sensor_is_sound_with_its_fields() -> None:
     assert findings(sensor="sensor/gnss", until="satellites >= 6") == []
     assert findings(measures="GnssFix", until="h_acc_m < 2") == []
     # one of several suffices
@@ -120,6 +120,6 @@ def test_what_can_never_be_meant_is_named(block: dict[str, str], expected: str) 
         ({"until": "nav/pose.z_m > 3"}, "expected fields of the value of the sensor only"),
     ],
 )
-def test_a_parameter_that_no_sensor_can_meet_is_refused(block: dict[str, str], expected: str) -> None:
+def test_parameter_that_no_sensor_can_meet_is_refused(block: dict[str, str], expected: str) -> None:
     with pytest.raises(MissionError, match=expected):
         load(mission(**block), "m.json", Binding())

@@ -63,7 +63,7 @@ def test_a_block_nobody_leads_to_is_dead() -> None:
     assert (remark.rule, remark.block) == ("dead-block", "w")
 
 
-def test_a_join_of_alternatives_is_a_deadlock_with_its_way() -> None:
+def test_join_of_alternatives_is_deadlock_with_its_way() -> None:
     text = net(s="Start>d", d=choice("a", "b"), a="Wait>j", b="Wait>j", j="Join>e", e="End")
     found = remarks(text)
     assert found[0].rule == "deadlock"
@@ -71,7 +71,7 @@ def test_a_join_of_alternatives_is_a_deadlock_with_its_way() -> None:
     assert found[0].trace in {("s", "d:true", "a"), ("s", "d:false", "b")}
 
 
-def test_a_join_behind_a_timeout_that_need_not_come_is_a_deadlock() -> None:
+def test_join_behind_optional_timeout_is_deadlock() -> None:
     text = net(
         s="Start>f",
         f="Fork>a,b",
@@ -89,7 +89,7 @@ def test_a_join_behind_a_timeout_that_need_not_come_is_a_deadlock() -> None:
     assert found[0].trace[-1] == "j"
 
 
-def test_a_branch_that_never_joins_or_ends_is_found() -> None:
+def test_branch_that_never_joins_or_ends_is_found() -> None:
     text = net(s="Start>d", d=choice("a", "e"), a="Wait>b", b="Wait>a", e="End")
     (remark,) = remarks(text)
     assert remark.rule == "never-ends"
@@ -103,7 +103,7 @@ def test_two_tokens_in_one_block_are_found() -> None:
     assert len(remark.trace) == 4
 
 
-def test_a_second_token_is_no_deadlock_of_the_first_one() -> None:
+def test_second_token_is_no_deadlock_of_first_one() -> None:
     text = net(s="Start>f", f="Fork>a,b,c", a="Wait>b", b="Wait>j", c="Wait>j", j="Join>e", e="End")
     assert {remark.rule for remark in remarks(text)} == {"two-tokens"}
 
@@ -119,13 +119,13 @@ def test_a_second_token_is_no_deadlock_of_the_first_one() -> None:
     ],
     ids=["a decision", "a decision last", "a pause", "a pause last", "a motion"],
 )
-def test_a_branch_beside_an_end_is_cleared_by_it(text: str, rules: list[tuple[str, str]]) -> None:
+def test_branch_beside_end_is_cleared_by_it(text: str, rules: list[tuple[str, str]]) -> None:
     found = remarks(text)
     assert [(remark.rule, remark.block) for remark in found] == rules
     assert all(remark.severity == "warning" for remark in found)
 
 
-def test_what_an_end_cuts_at_once_names_the_end() -> None:
+def test_block_ended_by_end_names_it() -> None:
     (remark,) = remarks(net(s="Start>f", f="Fork>w,e", w="Wait>e", e="End"))
     assert "'w' never completes: the End 'e' comes at the same instant" in remark.message
     found = remarks(net(s="Start>f", f="Fork>w,e", w="Wait>v", v="Wait>e", e="End"))
@@ -146,7 +146,7 @@ def decisions(count: int, last: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("pause", [{"s": 0}, {"ms": 0}, {"ms": 3}])
-def test_a_loop_of_decisions_and_empty_pauses_never_rests(pause: dict[str, Any]) -> None:
+def test_loop_of_decisions_and_empty_pauses_never_rests(pause: dict[str, Any]) -> None:
     text = net(s="Start>w", w={"type": "Wait", **pause, "next": "d"}, d=choice("w", "e"), e="End")
     (remark,) = remarks(text)
     assert remark.rule == "livelock"
@@ -154,7 +154,7 @@ def test_a_loop_of_decisions_and_empty_pauses_never_rests(pause: dict[str, Any])
     assert remarks(text.replace(json.dumps(pause)[1:-1], '"ms": 10')) == []
 
 
-def test_more_instant_blocks_than_the_player_goes_through_are_found() -> None:
+def test_excess_of_instant_blocks_is_found() -> None:
     text = net(s="Start>w", w="Wait>d0", **decisions(1_500, "e"), e="End")
     assert [(r.rule, r.block) for r in remarks(text)] == [("instant-chain", "w")]
     wide = {f"w{n}": "Wait>e" for n in range(1_500)}
@@ -162,7 +162,7 @@ def test_more_instant_blocks_than_the_player_goes_through_are_found() -> None:
     assert remarks(text, Budget(0))[0].rule == "instant-chain"
 
 
-def test_what_the_check_lets_through_the_player_goes_through() -> None:
+def test_player_executes_whatever_check_accepts() -> None:
     fits = net(s="Start>w", w="Wait>d0", **decisions(996, "e"), e="End")
     assert remarks(fits) == []
     player = Player(load(fits, "m.json", HERE), None, lambda: 0.4, count(1))  # type: ignore[arg-type]  # no conditions
@@ -173,7 +173,7 @@ def test_what_the_check_lets_through_the_player_goes_through() -> None:
     ]
 
 
-def test_a_motion_cut_short_by_an_end_is_a_warning() -> None:
+def test_motion_cut_short_by_end_is_warning() -> None:
     text = net(
         s="Start>f",
         f="Fork>m,w",
@@ -186,14 +186,14 @@ def test_a_motion_cut_short_by_an_end_is_a_warning() -> None:
     assert (remark.severity, remark.rule, remark.block) == ("warning", "cut-short", "m")
 
 
-def test_too_many_states_give_no_answer_instead_of_a_wrong_one() -> None:
+def test_too_many_states_give_no_answer() -> None:
     text = lattice(5, 2)
     assert remarks(text) == []
     (remark,) = remarks(text, Budget(100_000))
     assert (remark.severity, remark.rule) == ("unknown", "too-large")
 
 
-def test_a_finding_stands_at_the_line_of_its_block() -> None:
+def test_finding_stands_at_line_of_its_block() -> None:
     text = '{"mission": {\n"s": {"type": "Start", "next": "e"},\n"e": {"type": "End"},\n'
     text += '"w":\n {"type": "Wait", "s": 1, "next": "e"}}}'
     (finding,) = check_text(text, "m.json", HERE)[1]

@@ -20,7 +20,7 @@ def test_every_value_has_its_line() -> None:
     assert lines == [1, 2, 2, 3, 3, 4]
 
 
-def test_a_missing_place_has_the_line_of_its_parent() -> None:
+def test_missing_place_has_line_of_its_parent() -> None:
     assert parse(GOOD, "m.json").line("/d/e/f/g") == 4
 
 
@@ -44,9 +44,7 @@ def test_a_missing_place_has_the_line_of_its_parent() -> None:
         (" " * (1 << 21), 0, "", "at most"),
     ],
 )
-def test_what_is_no_strict_json_is_refused_with_its_place(
-    text: str, line: int, pointer: str, word: str
-) -> None:
+def test_invalid_json_is_refused_with_place(text: str, line: int, pointer: str, word: str) -> None:
     with pytest.raises(SourceError) as caught:
         parse(text, "m.json")
     finding = caught.value.finding
@@ -86,7 +84,7 @@ PIECES = st.sampled_from(
     st.lists(PIECES, max_size=12).map("".join)
     | st.lists(PIECES, max_size=8).map(lambda p: "{" + ", ".join(p))
 )
-def test_any_pieces_of_bad_json_are_json_or_our_error_with_a_line(text: str) -> None:
+def test_bad_json_gives_error_with_line(text: str) -> None:
     try:
         parse(text, "m.json")
     except SourceError as error:
@@ -111,7 +109,7 @@ JSON: st.SearchStrategy[Any] = st.recursive(
 
 
 @given(JSON, st.sampled_from([None, 2]))
-def test_any_json_is_read_as_the_standard_library_reads_it(value: Any, indent: int | None) -> None:
+def test_json_is_read_like_standard_library(value: Any, indent: int | None) -> None:
     try:
         text = json.dumps(value, indent=indent)
         text.encode().decode()

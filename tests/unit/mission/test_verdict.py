@@ -135,7 +135,7 @@ def wrong(end: str) -> bool:
 
 
 @pytest.mark.parametrize("part", range(4))
-def test_a_sound_mission_never_gets_stuck_nor_doubles_a_token(part: int) -> None:
+def test_sound_mission_never_gets_stuck_nor_doubles_token(part: int) -> None:
     seen: Counter[str] = Counter()
     for seed in range(part * 150, part * 150 + 150):
         text = Author(seed).mission()

@@ -86,7 +86,7 @@ def test_what_can_be_meant_is_sound(condition: str) -> None:
         ("absent(nav/pose)", "'nav/pose' is a Pose: expected one of its fields", 8),
     ],
 )
-def test_what_can_never_be_meant_is_refused_with_its_place(condition: str, said: str, column: int) -> None:
+def test_impossible_term_is_refused_with_place(condition: str, said: str, column: int) -> None:
     findings = found(condition)
     if column == 0:  # no path of a resource at all
         assert findings and "expected a resource path" in findings[0].message
@@ -99,7 +99,7 @@ def test_what_can_never_be_meant_is_refused_with_its_place(condition: str, said:
     assert str(finding).startswith(f"m.json:1:{finding.column}: /requires/0: condition ")
 
 
-def test_a_condition_of_a_decision_stands_at_its_line_and_column() -> None:
+def test_decision_condition_has_line_and_column() -> None:
     text = """{"mission": {"s": {"type": "Start", "next": "d"},
  "d": {"type": "Decision", "next": "e", "cases": [
   {"if": "nav/pose.z_m > $id", "next": "e"},
@@ -109,7 +109,7 @@ def test_a_condition_of_a_decision_stands_at_its_line_and_column() -> None:
     assert (finding.line, finding.column, finding.pointer) == (4, 11, "/mission/d/cases/1/if")
 
 
-def test_a_resource_of_no_template_is_a_warning_with_the_nearest_one() -> None:
+def test_unknown_resource_warns_with_nearest() -> None:
     (finding,) = found("nav/poze.z_m > 3")
     assert finding.severity == "warning"
     assert "is in no template; did you mean 'nav/pose'?" in finding.message
@@ -130,7 +130,7 @@ def test_a_resource_of_no_template_is_a_warning_with_the_nearest_one() -> None:
         (("ugv", "gcs"), "nav/pose.z > 3", "warning", "no gcs has it"),
     ],
 )
-def test_a_resource_of_another_kind_is_found_with_line_and_column(
+def test_resource_of_another_kind_has_line_and_column(
     kinds: tuple[str, ...], condition: str, severity: str, said: str
 ) -> None:
     finding = found(condition, kinds, kinds[0])[0]
@@ -149,13 +149,11 @@ def test_a_resource_of_another_kind_is_found_with_line_and_column(
         (("uav", "ugv", "gcs"), "health/state.level != 'error'"),
     ],
 )
-def test_what_the_kinds_have_and_what_others_are_asked_for_is_sound(
-    kinds: tuple[str, ...], condition: str
-) -> None:
+def test_resource_of_asked_kind_is_sound(kinds: tuple[str, ...], condition: str) -> None:
     assert found(condition, kinds, kinds[0]) == []
 
 
-def test_a_field_is_held_against_the_resource_of_each_kind() -> None:
+def test_field_is_held_against_resource_of_each_kind() -> None:
     vocabulary = Vocabulary()
     vocabulary.add("uav", [Resource(path="winch/length", type="Float", range=(0.0, 12.0))])
     vocabulary.add("ugv", [Resource(path="winch/length", type="Float", range=(0.0, 50.0))])
@@ -171,7 +169,7 @@ def test_a_field_is_held_against_the_resource_of_each_kind() -> None:
     assert "expected 0 to 12" in problem.message
 
 
-def test_a_type_of_a_package_that_is_not_installed_is_a_warning() -> None:
+def test_uninstalled_package_type_is_warning() -> None:
     text = '{"requires": ["crop/wetness.depth_m > 3"],'
     text += '"mission": {"s": {"type": "Start", "next": "e"}, "e": {"type": "End"}}}'
     mission = load(text, "m.json", Binding())

@@ -30,7 +30,7 @@ def flown(*charges: tuple[float, float]) -> WayHomeEstimate:
         (((0, 0.9), (10, 0.8), (20, 0.99), (40, 0.89)), 0.005),
     ],
 )
-def test_the_discharge_is_that_of_the_last_two_minutes_with_one_battery(
+def test_discharge_covers_two_minutes_of_one_battery(
     charges: tuple[tuple[float, float], ...], rate: float | None
 ) -> None:
     assert flown(*charges).discharge_1_s == (None if rate is None else pytest.approx(rate))
@@ -45,9 +45,7 @@ def test_the_discharge_is_that_of_the_last_two_minutes_with_one_battery(
         (Pose.planar(21.0, 1.0, 0.5), False, 20.0, 20 / 2.0),
     ],
 )
-def test_the_way_home_is_the_return_and_the_landing(
-    pose: Pose, flies: bool, distance_m: float, way_s: float
-) -> None:
+def test_way_home_is_return_and_landing(pose: Pose, flies: bool, distance_m: float, way_s: float) -> None:
     found = flown((0, 0.9), (20, 0.8)).estimate(pose, HOME, flies=flies)
     assert found is not None
     assert (found.distance_m, found.remaining_ratio) == (distance_m, 0.8)
@@ -62,7 +60,7 @@ def test_without_a_discharge_the_need_is_not_known() -> None:
     assert found.needed_ratio is None
 
 
-def test_a_vehicle_at_rest_says_nothing_about_its_discharge_in_flight() -> None:
+def test_resting_vehicle_has_no_flight_discharge() -> None:
     estimate = flown((0, 0.9), (20, 0.8))
     estimate.on_disarmed()
     assert estimate.discharge_1_s is None

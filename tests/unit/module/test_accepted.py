@@ -27,7 +27,7 @@ def kept(ring: RingReader) -> list[Frame]:
     return found
 
 
-async def test_a_command_that_the_template_logs_is_kept_once_although_it_comes_again(tmp_path: Path) -> None:
+async def test_logged_command_is_kept_once(tmp_path: Path) -> None:
     far = hardware_id("uav7")
     async with tmp_node(tmp_path) as node, Module("mission", node=node) as m:
         m.inbox("cmd/abort", MissionAbort)
@@ -54,7 +54,7 @@ async def test_a_command_that_the_template_logs_is_kept_once_although_it_comes_a
         assert all(frame.stamp_ns >= began_ns for frame in found), "stamped with our clock, at its acceptance"
 
 
-async def test_a_request_is_kept_too_and_what_the_template_does_not_log_is_not(tmp_path: Path) -> None:
+async def test_request_is_kept_and_unlogged_is_not(tmp_path: Path) -> None:
     async with tmp_node(tmp_path, template="multirotor") as node, Module("sim", node=node) as m:
         m.serve("sys/vehicle/arm", ArmRequest, lambda *_: VehicleState(True, True), reply=VehicleState)
         box = m.inbox("test/private", Text)
@@ -66,7 +66,7 @@ async def test_a_request_is_kept_too_and_what_the_template_does_not_log_is_not(t
         assert not ring_file(node.shm_dir, "test/private").exists()
 
 
-async def test_what_was_accepted_stays_for_the_logger_when_the_application_has_gone(tmp_path: Path) -> None:
+async def test_accepted_commands_outlive_application_for_logger(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         async with Module("mission", node=node) as m:
             m.inbox("cmd/abort", MissionAbort, limit=2 * SLOTS)

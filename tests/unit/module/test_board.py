@@ -19,7 +19,7 @@ THERE = hardware_id("uav7")
 SECOND = 1_000_000_000
 
 
-async def test_a_board_is_alive_as_long_as_somebody_writes_it(tmp_path: Path) -> None:
+async def test_board_is_alive_while_written(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         reader = m.reader("nav/height", Float)
         seen = [reader.alive]
@@ -37,7 +37,7 @@ async def test_a_board_is_alive_as_long_as_somebody_writes_it(tmp_path: Path) ->
         assert seen == [False, True, True, False, True]
 
 
-async def test_the_age_of_another_platforms_value_is_by_its_clock_and_unknown_without_it(
+async def test_remote_age_uses_owners_clock_or_unknown(
     tmp_path: Path,
 ) -> None:
     async with (
@@ -62,7 +62,7 @@ async def test_the_age_of_another_platforms_value_is_by_its_clock_and_unknown_wi
         mirror.close()
 
 
-async def test_who_waits_for_a_board_gets_it_when_its_writer_comes_and_after_it_was_replaced(
+async def test_board_waiter_gets_new_and_replaced_writer(
     tmp_path: Path,
 ) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
@@ -81,7 +81,7 @@ async def test_who_waits_for_a_board_gets_it_when_its_writer_comes_and_after_it_
             await reader.changed(0.01)
 
 
-async def test_a_reader_of_many_items_lets_others_have_their_turn(tmp_path: Path) -> None:
+async def test_reader_of_many_items_yields_to_others(tmp_path: Path) -> None:
     turns: list[int] = []
 
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
@@ -106,7 +106,7 @@ async def test_a_reader_of_many_items_lets_others_have_their_turn(tmp_path: Path
         other.cancel()
 
 
-async def test_a_value_is_filled_in_place_and_one_that_failed_is_never_seen(tmp_path: Path) -> None:
+async def test_value_is_filled_in_place_unless_failed(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         stream = m.stream_reader("plan/path", Int)
         writer = m.stream_writer("plan/path", Int)

@@ -35,7 +35,7 @@ async def waiting(boards: BoardSet[Float]) -> asyncio.Task[tuple[str, ...]]:
     return task
 
 
-async def test_who_waits_is_woken_by_a_mirror_that_appears_and_by_each_of_its_values(tmp_path: Path) -> None:
+async def test_waiter_is_woken_by_mirror_and_values(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         heights = m.readers(f"/*/{PATH}", Float)
         task = await waiting(heights)
@@ -49,7 +49,7 @@ async def test_who_waits_is_woken_by_a_mirror_that_appears_and_by_each_of_its_va
         mirror.close()
 
 
-async def test_each_change_is_given_once_and_one_board_of_the_set_can_be_waited_for_too(
+async def test_each_change_is_given_once_per_set(
     tmp_path: Path,
 ) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
@@ -72,9 +72,7 @@ async def test_each_change_is_given_once_and_one_board_of_the_set_can_be_waited_
 
 
 @pytest.mark.parametrize("pattern", [f"/*/{PATH}", f"/uav*/{PATH}"])
-async def test_platforms_are_those_of_the_pattern_that_have_this_board_never_our_own(
-    tmp_path: Path, pattern: str
-) -> None:
+async def test_platforms_match_pattern_and_exclude_own(tmp_path: Path, pattern: str) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         heights = m.readers(pattern, Float)
         mirrors = [
@@ -89,7 +87,7 @@ async def test_platforms_are_those_of_the_pattern_that_have_this_board_never_our
             mirror.close()
 
 
-async def test_a_platform_is_found_by_its_name_without_asking_for_all(tmp_path: Path) -> None:
+async def test_platform_is_found_by_name_without_listing(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         heights = m.readers(f"/*/{PATH}", Float)
         mirror = mirror_of(node, "uav7", PATH)
@@ -118,7 +116,7 @@ def mirror_of(node: Node, platform: str, path: str) -> Publication:
     return mirror
 
 
-async def test_a_platform_that_left_and_came_back_with_one_value_is_news(tmp_path: Path) -> None:
+async def test_platform_returning_with_one_value_is_news(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         heights = m.readers(f"/*/{PATH}", Float)
         mirror = mirror_of(node, "uav7", PATH)
@@ -133,7 +131,7 @@ async def test_a_platform_that_left_and_came_back_with_one_value_is_news(tmp_pat
         again.close()
 
 
-async def test_news_are_taken_without_waiting_and_who_waits_afterwards_is_woken_by_the_same_boards(
+async def test_news_wake_later_waiter_without_loss(
     tmp_path: Path,
 ) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:

@@ -30,7 +30,7 @@ def frame(sequence: int, kind: type[Float | Int] = Float) -> Frame:
     )
 
 
-async def test_live_and_former_values_come_as_they_arrive_and_the_board_keeps_the_newest(
+async def test_live_and_former_values_keep_newest_board(
     tmp_path: Path,
 ) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
@@ -60,7 +60,7 @@ async def test_a_value_that_comes_again_is_returned_once(tmp_path: Path) -> None
         writer.close()
 
 
-async def test_values_of_another_type_are_refused_in_both_mirrors(tmp_path: Path) -> None:
+async def test_mistyped_values_are_refused_in_both_mirrors(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         history, writer = m.history(f"/uav7/{PATH}", Float), MirrorWriter(node)
         writer.write("uav7", PATH, frame(1, Int), epoch=1)
@@ -72,7 +72,7 @@ async def test_values_of_another_type_are_refused_in_both_mirrors(tmp_path: Path
         writer.close()
 
 
-async def test_a_reader_that_waits_wakes_for_a_former_value_too(tmp_path: Path) -> None:
+async def test_reader_that_waits_wakes_for_former_value_too(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         frames = m.frame_reader(f"/uav7/{PATH}", history=True)
         waiting = asyncio.ensure_future(anext(frames))
@@ -85,7 +85,7 @@ async def test_a_reader_that_waits_wakes_for_a_former_value_too(tmp_path: Path) 
         writer.close()
 
 
-async def test_of_a_board_of_this_platform_each_value_is_returned(tmp_path: Path) -> None:
+async def test_local_board_returns_each_value(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("pilot", node=node) as m:
         history, writer = m.history(PATH, Float), m.writer(PATH, Float)
         for number in range(3):

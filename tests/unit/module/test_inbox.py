@@ -25,7 +25,7 @@ def message(number: int) -> Frame:
     )
 
 
-async def test_messages_are_taken_in_their_order_with_who_sent_them(tmp_path: Path) -> None:
+async def test_messages_are_taken_in_order_with_sender(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         box: Inbox[Int] = m.inbox("cmd/step", Int)
         assert (box.take(), box.meta) == (None, None)
@@ -40,7 +40,7 @@ async def test_messages_are_taken_in_their_order_with_who_sent_them(tmp_path: Pa
         assert box.meta.sender_hw == hardware_id("uav7")
 
 
-async def test_a_full_inbox_has_no_room_until_a_message_is_taken(tmp_path: Path) -> None:
+async def test_full_inbox_has_room_after_taking(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         box = m.inbox("cmd/step", Int, limit=2)
         assert [box.put(message(number)) is None for number in range(3)] == [False, False, True]
@@ -50,7 +50,7 @@ async def test_a_full_inbox_has_no_room_until_a_message_is_taken(tmp_path: Path)
 
 
 @pytest.mark.parametrize("payload", [b"", b"\xc1", registry.encode(Text("one")), b"\xff" * 100])
-async def test_a_payload_of_another_type_is_refused_and_counted(tmp_path: Path, payload: bytes) -> None:
+async def test_payload_of_another_type_is_refused_and_counted(tmp_path: Path, payload: bytes) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         box = m.inbox("cmd/step", Int)
         damaged = message(1)
@@ -62,7 +62,7 @@ async def test_a_payload_of_another_type_is_refused_and_counted(tmp_path: Path, 
         assert (box.refused, len(box)) == (1, 0)
 
 
-async def test_who_takes_many_messages_lets_others_have_a_turn(tmp_path: Path) -> None:
+async def test_receiver_of_many_messages_yields_to_others(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         box = m.inbox("cmd/step", Int, limit=4 * FAIR)
         turns: list[int] = []
@@ -86,7 +86,7 @@ async def test_who_takes_many_messages_lets_others_have_a_turn(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("kind", sorted(set(FrameKind)))
-async def test_a_message_is_of_a_kind_that_an_inbox_takes(tmp_path: Path, kind: FrameKind) -> None:
+async def test_message_is_of_kind_that_inbox_takes(tmp_path: Path, kind: FrameKind) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         box = m.inbox("cmd/step", Int)
         if kind.name in {"BOARD", "MESSAGE", "NOTIFY", "EVENT", "STREAM", "FILE"}:
@@ -97,7 +97,7 @@ async def test_a_message_is_of_a_kind_that_an_inbox_takes(tmp_path: Path, kind: 
                 await m.send("cmd/step", Int(1), kind=kind)
 
 
-async def test_requests_replies_and_messages_larger_than_a_frame_are_split(tmp_path: Path) -> None:
+async def test_oversized_requests_replies_and_messages_are_split(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         box = m.inbox("cmd/blob", Blob)
         m.serve("sys/blob", Blob, lambda request, _: request, reply=Blob)

@@ -16,7 +16,7 @@ from swarmware.types.mission import MissionAbort
 from swarmware.types.scalar import Float, Int, Text
 
 
-async def test_a_board_is_iterated_by_its_newest_values_and_a_stream_by_every_item(tmp_path: Path) -> None:
+async def test_board_iterates_newest_and_stream_every_item(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         heights, steps = m.writer("nav/height", Float), m.stream_writer("plan/steps", Int)
         board, stream = m.reader("nav/height", Float), m.stream_reader("plan/steps", Int)
@@ -52,7 +52,7 @@ async def test_who_iterates_is_given_what_comes_later(tmp_path: Path) -> None:
             assert await asyncio.gather(*waiting) == [Float(1.0), Int(2), Text("three")]
 
 
-async def test_a_command_is_accepted_although_it_cannot_be_recorded(
+async def test_command_is_accepted_although_it_cannot_be_recorded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     def publication(self: Node, path: str, **_: object) -> Publication:
@@ -82,7 +82,7 @@ async def test_without_a_readable_template_nothing_is_recorded(
         assert not (node.shm_dir / "cmd.abort.ring").exists()
 
 
-async def test_a_request_of_another_type_is_a_mismatch_and_of_no_address_not_found(tmp_path: Path) -> None:
+async def test_mistyped_request_mismatches_and_unaddressed_is_missing(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         m.serve("sys/step", Int, lambda request, _: request, reply=Int)
         await asyncio.sleep(0)

@@ -48,7 +48,7 @@ class Counted(Wakeup):
 THERE = names.hardware_id("uav7")
 
 
-async def test_a_reader_may_come_before_its_writer_and_sees_the_newest_value(tmp_path: Path) -> None:
+async def test_early_reader_sees_newest_value(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         reader = m.reader("nav/height", Float)
         assert (reader.value, reader.age_s, reader.sequence) == (None, None, 0)
@@ -66,7 +66,7 @@ async def test_a_reader_may_come_before_its_writer_and_sees_the_newest_value(tmp
         assert reader.stamp_ns == 7
 
 
-async def test_what_a_module_provides_stands_in_its_entry_until_it_withdraws_it(tmp_path: Path) -> None:
+async def test_provided_resource_is_listed_until_withdrawn(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         async with Module("planner", node=node) as m:
             writer = m.writer("plan/step", Int)
@@ -94,7 +94,7 @@ class Answer(msgspec.Struct):
     rain: list[Rain]
 
 
-async def test_a_module_describes_the_types_of_its_own_and_no_common_ones(tmp_path: Path) -> None:
+async def test_module_describes_only_its_own_types(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("weather", node=node) as m:
         m.writer("nav/height", Float)
         assert m.entry.types == {}
@@ -123,7 +123,7 @@ async def test_frames_of_any_type_are_read_undecoded(tmp_path: Path) -> None:
         assert events.lost == 0
 
 
-async def test_the_first_that_is_seen_of_a_service_has_its_configuration(
+async def test_first_module_of_service_has_its_configuration(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with tmp_node(tmp_path) as node:
@@ -140,7 +140,7 @@ async def test_the_first_that_is_seen_of_a_service_has_its_configuration(
         assert all(config == seen[0] for config in seen)
 
 
-async def test_what_cannot_be_written_is_refused_and_says_what_was_expected(tmp_path: Path) -> None:
+async def test_unwritable_value_is_refused_with_expectation(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         with pytest.raises(InvalidInput, match="of another platform; expected a resource of uav1"):
             m.writer("/uav7/nav/pose", Float)
@@ -154,7 +154,7 @@ async def test_what_cannot_be_written_is_refused_and_says_what_was_expected(tmp_
             m.writer("nav/count", Int).write(Int(2**70))
 
 
-async def test_a_stream_gives_every_item_in_order_and_counts_what_was_overrun(tmp_path: Path) -> None:
+async def test_stream_gives_items_in_order_counting_overruns(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         writer = m.stream_writer("plan/path", Int, slots=8)
         reader = m.stream_reader("plan/path", Int)
@@ -173,7 +173,7 @@ async def test_a_stream_gives_every_item_in_order_and_counts_what_was_overrun(tm
             await reader.next(0.01)
 
 
-async def test_a_stream_of_another_platform_counts_the_gaps_in_its_owners_sequence(tmp_path: Path) -> None:
+async def test_remote_stream_counts_gaps_in_owners_sequence(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         reader = m.stream_reader("/uav7/plan/path", Int)
         mirror = node.mirror_writer("uav7", "plan/path", slots=64)
@@ -201,7 +201,7 @@ async def test_a_stream_of_another_platform_counts_the_gaps_in_its_owners_sequen
         mirror.close()
 
 
-async def test_a_writer_of_a_stream_learns_who_will_never_get_some_of_it(tmp_path: Path) -> None:
+async def test_stream_writer_learns_of_receivers_losses(tmp_path: Path) -> None:
     async with (
         tmp_node(tmp_path) as node,
         Module("planner", node=node) as m,
@@ -216,7 +216,7 @@ async def test_a_writer_of_a_stream_learns_who_will_never_get_some_of_it(tmp_pat
         assert writer.lost == 7
 
 
-async def test_a_message_is_acknowledged_with_the_application_that_has_it(tmp_path: Path) -> None:
+async def test_message_is_acknowledged_with_application_that_has_it(tmp_path: Path) -> None:
     async with (
         tmp_node(tmp_path) as node,
         Module("planner", node=node) as m,
@@ -243,7 +243,7 @@ async def test_a_message_is_acknowledged_with_the_application_that_has_it(tmp_pa
             await box.next(0.01)
 
 
-async def test_a_request_is_answered_or_fails_with_the_class_of_the_handlers_error(tmp_path: Path) -> None:
+async def test_request_is_answered_or_fails_with_class(tmp_path: Path) -> None:
     def handler(request: Int, meta: Meta) -> Text:
         if request.value < 0:
             raise OutOfRange(f"{request.value}: expected 0 or more")
@@ -263,7 +263,7 @@ async def test_a_request_is_answered_or_fails_with_the_class_of_the_handlers_err
         assert await m.request("sys/text", Int(4), Text) == Text("4"), "it goes on"
 
 
-async def test_a_request_leaves_before_its_answer_is_awaited_and_says_when_it_came_off_a_link(
+async def test_request_leaves_at_once_and_reports_reception(
     tmp_path: Path,
 ) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
@@ -289,13 +289,13 @@ async def test_a_request_leaves_before_its_answer_is_awaited_and_says_when_it_ca
         assert [meta.arrived_ns for meta in metas] == [None, 4_000, None]
 
 
-async def test_who_asks_for_what_nobody_serves_is_told_so_after_the_time_for_starting(tmp_path: Path) -> None:
+async def test_request_to_unserved_path_fails_after_grace(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         with pytest.raises(NotFound, match="no application here takes this path and type"):
             await m.request("sys/nothing", Int(1), Text, timeout_s=5.0)
 
 
-async def test_boards_of_all_other_platforms_appear_as_their_mirrors_do(tmp_path: Path) -> None:
+async def test_boards_of_other_platforms_appear_as_mirrors(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         heights = m.readers("/*/nav/height", Float)
         assert len(heights) == 0
@@ -311,7 +311,7 @@ async def test_boards_of_all_other_platforms_appear_as_their_mirrors_do(tmp_path
             m.readers("/*/nav/*", Float)
 
 
-async def test_who_waits_for_boards_of_other_platforms_is_not_woken_by_other_bells(tmp_path: Path) -> None:
+async def test_board_waiter_ignores_other_bells(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         heights = m.readers("/*/nav/height", Float)
         mirror = node.mirror_writer("uav7", "nav/height")
@@ -335,7 +335,7 @@ async def test_who_waits_for_boards_of_other_platforms_is_not_woken_by_other_bel
         mirror.close()
 
 
-async def test_a_frame_that_is_damaged_or_of_another_type_is_counted_and_the_last_value_stays(
+async def test_damaged_or_mistyped_frame_is_counted(
     tmp_path: Path,
 ) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
@@ -358,7 +358,7 @@ async def test_a_frame_that_is_damaged_or_of_another_type_is_counted_and_the_las
         mirror.close()
 
 
-async def test_a_type_made_from_a_description_is_described_again_by_who_publishes_it(tmp_path: Path) -> None:
+async def test_described_type_is_described_again_by_publisher(tmp_path: Path) -> None:
     fields = (FieldDescription("fallen_m", "float"), FieldDescription("of", "str"))
     rain = class_of(TypeDescription((StructDescription("Rain", fields, array=True),)))
     async with tmp_node(tmp_path) as node, Module("station", node=node) as m:
@@ -368,7 +368,7 @@ async def test_a_type_made_from_a_description_is_described_again_by_who_publishe
         assert list(m.entry.types) == ["Rain"], "a type of every node needs no description"
 
 
-async def test_a_module_of_another_user_serves_its_own_paths_and_is_told_why_no_others(
+async def test_module_of_another_user_serves_only_own_paths(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def answer(request: Int, meta: Meta) -> Int:

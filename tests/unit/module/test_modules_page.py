@@ -66,7 +66,7 @@ async def test_the_code_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.Mon
     ]
 
 
-def test_every_method_of_the_page_is_one_of_a_module() -> None:
+def test_every_method_of_page_is_one_of_module() -> None:
     methods = set(re.findall(r"`(?:await )?m\.(\w+)\(", PAGE.read_text("utf-8")))
     assert methods > {"writer", "request", "inbox"}
     assert not [method for method in methods if not callable(getattr(Module, method, None))]

@@ -38,7 +38,7 @@ def partners() -> Partners:
     return Partners(cast(BoardReader[PartnerTable], Board()), cast(Clock, FixedClock()))
 
 
-def test_each_partner_has_its_hops_age_and_the_time_for_which_it_is_unreachable(partners: Partners) -> None:
+def test_each_partner_has_hops_age_and_outage(partners: Partners) -> None:
     found = [(one.platform, one.unit, one.hops, one.age_s, one.unreachable_s) for one in partners]
     assert found == [
         ("uav1", "main", 1, 10.0, None),

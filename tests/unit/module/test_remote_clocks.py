@@ -33,7 +33,7 @@ async def test_clocks_are_unknown_until_timesync_has_published(tmp_path: Path) -
         assert clocks.to_local(UAV8, 5_000) is None
 
 
-async def test_the_newest_functions_count_and_a_unit_that_is_gone_is_unknown_again(tmp_path: Path) -> None:
+async def test_newest_functions_count_and_departed_is_unknown(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         writer, clocks = m.writer("time/functions", TimeFunctions), m.remote_clocks
         for number in range(3):
@@ -43,7 +43,7 @@ async def test_the_newest_functions_count_and_a_unit_that_is_gone_is_unknown_aga
         assert (clocks.to_local(UAV7, 10_000), clocks.to_local(UAV8, 10_000)) == (None, 9_500)
 
 
-async def test_what_is_not_a_table_of_functions_leaves_the_clocks_as_they_were(
+async def test_invalid_function_table_leaves_clocks_unchanged(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:

@@ -35,8 +35,6 @@ def module() -> Module:
         (Meta(UNKNOWN, 7, 1, 1), "?@000000ab", None),
     ],
 )
-def test_a_sender_has_the_name_that_is_known_of_it_and_a_platform_only_if_that_is_sure(
-    meta: Meta, name: str, platform: str | None
-) -> None:
+def test_sender_has_known_name_and_certain_platform(meta: Meta, name: str, platform: str | None) -> None:
     assert Module.requester(module(), meta) == name
     assert Module.requesting_platform(module(), meta) == platform

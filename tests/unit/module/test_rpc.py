@@ -40,7 +40,7 @@ def raising_later(error: Exception) -> Callable[[Int, Meta], Any]:
 
 @pytest.mark.parametrize("kind", sorted(KINDS))
 @pytest.mark.parametrize("how", [raising, raising_later])
-async def test_each_error_of_a_handler_arrives_as_its_own_class(
+async def test_each_handler_error_keeps_its_class(
     tmp_path: Path, kind: str, how: Callable[[Exception], Any]
 ) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
@@ -59,7 +59,7 @@ async def test_each_error_of_a_handler_arrives_as_its_own_class(
         (RuntimeError(""), SwarmError, "sys/step: RuntimeError"),
     ],
 )
-async def test_an_error_of_another_class_arrives_as_the_nearest_of_ours(
+async def test_foreign_error_arrives_as_nearest_class(
     tmp_path: Path,
     caplog: pytest.LogCaptureFixture,
     how: Callable[[Exception], Any],
@@ -92,7 +92,7 @@ async def test_a_coroutine_answers_while_others_are_in_work(tmp_path: Path) -> N
         assert await first == Text("1 of True")
 
 
-async def test_requests_beyond_the_limit_are_turned_away_and_room_comes_back(tmp_path: Path) -> None:
+async def test_requests_beyond_limit_are_refused_until_room(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         gate = asyncio.Event()
 
@@ -114,7 +114,7 @@ def frame(payload: bytes) -> Frame:
     return Frame(FrameKind.REQUEST, data_id("sys/step", "Int"), 1, 2, 3, ANY, 4, payload=payload)
 
 
-async def test_a_request_that_is_not_of_the_type_is_answered_with_the_reason() -> None:
+async def test_mistyped_request_is_answered_with_reason() -> None:
     replies: list[Reply] = []
     server = Server("sys/step", Int, lambda request, _: request, lambda *_: None)
     for payload in (b"\xff", b"", registry.encode(Text("one"))):
@@ -123,7 +123,7 @@ async def test_a_request_that_is_not_of_the_type_is_answered_with_the_reason() -
     assert all("payload of type Int" in reply.error for reply in replies)
 
 
-async def test_who_waits_for_an_application_that_ends_is_answered_so() -> None:
+async def test_waiter_learns_that_application_ended() -> None:
     replies: list[Reply] = []
     tasks: list[asyncio.Task[None]] = []
 
@@ -144,7 +144,7 @@ async def test_who_waits_for_an_application_that_ends_is_answered_so() -> None:
     ]
 
 
-async def test_an_address_has_one_application_and_is_free_when_that_has_gone(tmp_path: Path) -> None:
+async def test_address_belongs_to_one_application_until_departure(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         async with Module("first", node=node) as m, Module("second", node=node) as n:
             m.serve("sys/step", Int, lambda request, _: request, reply=Int)

@@ -17,7 +17,7 @@ def counted(*items: tuple[int, int]) -> int:
     return gaps.lost
 
 
-def test_missing_numbers_are_counted_and_those_before_the_first_item_are_not() -> None:
+def test_missing_numbers_count_from_first_item() -> None:
     assert counted((7, 1), (8, 2), (9, 3)) == 0
     assert counted((7, 1), (10, 2), (11, 3), (14, 4)) == 4
 
@@ -27,7 +27,7 @@ def test_an_owner_that_began_again_has_lost_nothing() -> None:
     assert counted((3, 50), (900, 10)) == 0, "its clock began again, too"
 
 
-async def test_a_tool_counts_what_is_missing_in_the_mirror_of_a_stream(tmp_path: Path) -> None:
+async def test_tool_counts_missing_items_of_mirror(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         mirror = ring_file(node.shm_dir, "map/delta", "uav7")
         mirror.parent.mkdir(exist_ok=True)

@@ -43,7 +43,7 @@ async def two(tmp_path: Path) -> AsyncIterator[tuple[Sum, SnapshotStream[Int, Te
         yield made, reader.snapshot_stream("map/delta", Int, Text)
 
 
-async def test_a_reader_begins_with_the_state_and_goes_on_with_the_items_after_it(tmp_path: Path) -> None:
+async def test_reader_begins_with_state_then_items(tmp_path: Path) -> None:
     async with two(tmp_path) as (owner, stream):
         assert await stream.next(PATIENCE_S) == Text("100")
         owner.add(1, 2)
@@ -51,7 +51,7 @@ async def test_a_reader_begins_with_the_state_and_goes_on_with_the_items_after_i
         assert (stream.lost, stream.resyncs) == (0, 1)
 
 
-async def test_a_reader_that_fell_behind_gets_the_state_and_counts_what_it_missed(
+async def test_reader_behind_gets_state_and_counts_misses(
     tmp_path: Path,
 ) -> None:
     async with two(tmp_path) as (owner, stream):
@@ -67,7 +67,7 @@ async def test_a_reader_that_fell_behind_gets_the_state_and_counts_what_it_misse
         assert stream.resyncs == 2
 
 
-async def test_without_an_owner_there_is_no_snapshot_and_its_first_one_is_taken_when_it_comes(
+async def test_snapshot_is_taken_when_owner_comes(
     tmp_path: Path,
 ) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as reader:

@@ -34,7 +34,7 @@ class Hand(Clock):
         ([9.99, 10.0, 12.5], [9, 10, 12], 9),
     ],
 )
-def test_a_late_ticker_goes_on_at_the_next_instant(
+def test_late_ticker_continues_at_next_instant(
     instants_ms: list[float], ticks: list[int], missed: int
 ) -> None:
     async def run() -> None:
@@ -59,7 +59,7 @@ def test_a_period_must_be_positive_and_countable(period_s: float) -> None:
         Ticker(Hand(), period_s)
 
 
-def test_another_period_begins_at_its_own_multiples_and_the_same_one_changes_nothing() -> None:
+def test_new_period_starts_at_its_multiples() -> None:
     async def run() -> None:
         clock, lateness = Hand(), Lateness()
         ticker = Ticker(clock, 0.010, lateness)
@@ -78,7 +78,7 @@ def test_another_period_begins_at_its_own_multiples_and_the_same_one_changes_not
     asyncio.run(run())
 
 
-def test_the_worst_lateness_is_kept_until_it_is_taken() -> None:
+def test_worst_lateness_is_kept_until_it_is_taken() -> None:
     lateness = Lateness()
     for late_ns in (5, 9_000_000, 3):
         lateness.note(late_ns)

@@ -28,7 +28,7 @@ def unit(platform: str, name: str, *serves: str, lost_ns: int | None = None) -> 
         ("main", "uav9", "cmd/mission", None),
     ],
 )
-async def test_the_unit_that_serves_a_path_is_known_else_the_first_that_is_reachable(
+async def test_serving_unit_is_known_or_first_reachable(
     tmp_path: Path, own_unit: str, platform: str, path: str, expected: str | None
 ) -> None:
     name = str(Address("uav1", own_unit))

@@ -79,7 +79,7 @@ MISTAKES: list[tuple[str, str | Resource, dict[str, Any], type[SwarmError], str]
 
 
 @pytest.mark.parametrize(("method", "resource", "details", "error", "message"), MISTAKES)
-async def test_what_cannot_be_written_is_refused_with_path_and_expectation(
+async def test_unwritable_value_is_refused_with_path(
     tmp_path: Path,
     method: str,
     resource: str | Resource,
@@ -101,6 +101,6 @@ async def test_a_resource_has_one_writer(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("use", ["node", "clock", "id", "entry", "platform", "app_id", "instance"])
-def test_a_module_that_is_not_on_a_node_says_what_is_expected(use: str) -> None:
+def test_module_off_node_says_what_is_expected(use: str) -> None:
     with pytest.raises(InvalidInput, match="module planner: not on a node; expected use inside `async with`"):
         getattr(Module("planner"), use)

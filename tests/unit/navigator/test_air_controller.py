@@ -48,7 +48,7 @@ def test_one_on_the_way_is_flown_around() -> None:
     assert bent[0] > 0.0
 
 
-def test_from_one_that_is_too_close_it_may_fly_away() -> None:
+def test_vehicle_too_close_may_fly_away() -> None:
     close = Surroundings((), (MovingObstacle(0.5, 0.0, 8.0, 0.0, 0.0, 0.0),))
     assert avoid(CONFIG, HERE, (-1.0, 0.0, 0.0), close) == (-1.0, 0.0, 0.0)
     assert avoid(CONFIG, HERE, (1.0, 0.0, 0.0), close)[0] <= 0.0
@@ -75,7 +75,7 @@ def test_one_that_gives_way_is_given_less_room() -> None:
 
 
 @pytest.mark.parametrize("angle_deg", [0, 10, 20, 30, 60, 90, 135, 179, 180, 181, 250])
-def test_two_that_exchange_places_keep_their_distance_and_arrive(angle_deg: int) -> None:
+def test_two_exchanging_places_keep_distance_and_arrive(angle_deg: int) -> None:
     reach = 10.0
     angle = math.radians(angle_deg)
     goals = [(reach, 0.0), (reach * math.cos(angle), reach * math.sin(angle))]

@@ -25,7 +25,7 @@ def hold(
     return heights
 
 
-def test_a_height_is_reached_without_much_overshoot_and_held() -> None:
+def test_height_is_reached_without_much_overshoot_and_held() -> None:
     heights = hold(AltitudeHold(AltitudeConfig()), 10.0, 2.0, 30.0)
     assert max(heights) < 10.5
     assert heights[-1] == pytest.approx(10.0, abs=0.05)
@@ -37,7 +37,7 @@ def test_a_steady_draught_leaves_no_error() -> None:
     assert lasting < 9.8
 
 
-def test_the_integral_does_not_wind_up_on_a_long_climb() -> None:
+def test_integral_does_not_wind_up_on_long_climb() -> None:
     heights = hold(AltitudeHold(AltitudeConfig()), 60.0, 0.5, 60.0)
     assert max(heights) < 60.6
 

@@ -28,7 +28,7 @@ def lost(kind: GoalKind, z_m: float = 8.0, height_m: float | None = None, name: 
         (GoalKind.DESCEND, 6.0, TOUCH_DOWN_M_S),
     ],
 )
-def test_without_a_position_it_comes_down_level_at_a_rate_by_its_height(
+def test_vehicle_without_position_descends_level_by_height(
     kind: GoalKind, height_m: float | None, sink_m_s: float
 ) -> None:
     rig = lost(kind, height_m=height_m)
@@ -52,7 +52,7 @@ def test_on_the_ground_it_has_arrived(kind: GoalKind) -> None:
     assert (rig.status.state, rig.stands) == ("arrived", True)
 
 
-def test_a_position_that_is_valid_again_is_used_by_a_landing() -> None:
+def test_landing_uses_position_valid_again() -> None:
     rig = lost(GoalKind.LAND)
     rig.gnss = True
     rig.go(2.0)
@@ -60,7 +60,7 @@ def test_a_position_that_is_valid_again_is_used_by_a_landing() -> None:
     assert rig.status.note == ""
 
 
-def test_an_emergency_landing_does_not_look_at_the_position() -> None:
+def test_emergency_landing_does_not_look_at_position() -> None:
     rig = Rig(z_m=8.0).go(1.0)
     rig.truth = type(rig.truth).planar(3.0, 0.0, 8.0)
     rig.goal(Goal(1, GoalKind.DESCEND)).go(1.0)

@@ -42,13 +42,13 @@ def speed(around: Surroundings, delay_s: float = 0.0, setpoint: Setpoint = AHEAD
         (at(5.0, vx_m_s=1.0), 0.0, 2.0),
     ],
 )
-def test_a_vehicle_covers_at_most_the_gap_while_it_does_not_see(
+def test_vehicle_covers_at_most_gap_while_blind(
     around: Surroundings, delay_s: float, expected_m_s: float
 ) -> None:
     assert speed(around, delay_s) == pytest.approx(expected_m_s)
 
 
-def test_the_velocity_is_that_in_the_map_and_not_in_the_body() -> None:
+def test_velocity_is_in_map_not_body() -> None:
     left = Pose.planar(0.0, 0.0, 8.0, math.pi / 2)
     assert speed(at(0.0, 3.0), pose=left) == pytest.approx((3.0 - BODIES_M) / 2.0)
     assert speed(at(3.0), pose=left) == 2.0
@@ -60,14 +60,14 @@ def test_the_nearest_in_the_way_decides() -> None:
     assert speed(both) == speed(at(3.0))
 
 
-def test_a_ground_vehicle_keeps_its_arc_and_a_flying_one_its_turn_and_climb() -> None:
+def test_ground_vehicle_keeps_arc_flyer_its_climb() -> None:
     drives = cautious(AHEAD, HERE, at(3.0), flies=False)
     assert drives.wz_rad_s / drives.vx_m_s == pytest.approx(AHEAD.wz_rad_s / AHEAD.vx_m_s)
     flies = cautious(AHEAD, HERE, at(3.0), flies=True)
     assert (flies.wz_rad_s, flies.vz_m_s) == (AHEAD.wz_rad_s, AHEAD.vz_m_s)
 
 
-def test_two_that_approach_each_other_blindly_do_not_touch() -> None:
+def test_two_approaching_blindly_do_not_touch() -> None:
     blind_s, places = 2.0, [-4.0, 4.0]
     seen, speeds = list(places), [0.0, 0.0]
     for _ in range(20):

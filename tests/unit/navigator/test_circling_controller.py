@@ -66,7 +66,7 @@ def test_far_away_it_flies_to_the_target() -> None:
 
 
 @pytest.mark.parametrize("bearing_deg", [0.0, 90.0, 200.0])
-def test_on_its_circle_it_flies_along_it_to_the_left_with_the_turn_fed_forward(bearing_deg: float) -> None:
+def test_aircraft_follows_circle_left_with_fed_turn(bearing_deg: float) -> None:
     bearing = math.radians(bearing_deg)
     pose = at(RADIUS * math.cos(bearing), RADIUS * math.sin(bearing), bearing_deg + 90.0)
     wanted = steer(pose, place(0.0, 0.0))
@@ -75,7 +75,7 @@ def test_on_its_circle_it_flies_along_it_to_the_left_with_the_turn_fed_forward(b
     assert wanted.wz_rad_s == pytest.approx(SPEED / RADIUS)
 
 
-def test_outside_of_it_the_course_turns_inwards_and_inside_outwards() -> None:
+def test_course_turns_inwards_outside_and_outwards_inside() -> None:
     wide, tight = at(1.2 * RADIUS, 0.0, 90.0), at(0.8 * RADIUS, 0.0, 90.0)
     assert 90.0 < course_deg(wide, steer(wide, place(0.0, 0.0))) < 180.0
     assert 0.0 < course_deg(tight, steer(tight, place(0.0, 0.0))) < 90.0
@@ -90,7 +90,7 @@ def test_its_speed_is_one_that_it_can_fly(asked: float, flown: float) -> None:
     assert math.hypot(wanted.vx_m_s, wanted.vy_m_s) == pytest.approx(flown)
 
 
-def test_it_climbs_and_sinks_within_the_limits_of_airframe_and_target() -> None:
+def test_climb_stays_within_airframe_and_target() -> None:
     pose = at(-500.0, 0.0, 0.0)
     assert steer(pose, place(0.0, 0.0, 200.0)).vz_m_s == LIMITS.climb_max_m_s
     assert steer(pose, place(0.0, 0.0, 0.0)).vz_m_s == -LIMITS.sink_max_m_s
@@ -106,12 +106,12 @@ def test_it_evades_without_flying_slower() -> None:
     assert math.hypot(wanted.vx_m_s, wanted.vy_m_s) == pytest.approx(SPEED)
 
 
-def test_told_to_hold_it_begins_a_circle_where_it_is() -> None:
+def test_hold_begins_circle_in_place() -> None:
     pose = at(10.0, 20.0, 90.0)
     assert CirclingController(CONFIG, AIRCRAFT).hold_at(pose) == pytest.approx((10.0 - RADIUS, 20.0))
 
 
-def test_a_landing_descends_on_a_circle_that_leads_into_the_final_approach() -> None:
+def test_landing_descends_on_circle_into_final_approach() -> None:
     """Landing east at the origin: the circle lies to the left of the line, 180 m before the place."""
     controller = CirclingController(CONFIG, AIRCRAFT)
     stay = place(0.0, RADIUS)
@@ -165,7 +165,7 @@ class Pilot:
         return self.status.state, self.status.error, self.status.distance_m, self.status.note
 
 
-def test_it_has_arrived_on_the_circle_around_its_goal() -> None:
+def test_aircraft_arrives_on_circle_around_goal() -> None:
     pilot = Pilot()
     pilot.goal(GoalKind.GOTO, x_m=500.0, y_m=0.0, z_m=40.0)
     state, _, distance, _ = pilot.see(0.0, 0.0)

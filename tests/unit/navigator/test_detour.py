@@ -45,7 +45,7 @@ def test_it_goes_around_on_the_shorter_side(y: float, left: bool) -> None:
     assert (angle > 0) is left
 
 
-def test_a_platform_that_stands_is_gone_around_with_its_own_width() -> None:
+def test_standing_platform_is_passed_by_own_width() -> None:
     point = abs(turn(Detour(DwaConfig()), Surroundings(((2.0, 0.1),))))
     platform = abs(
         turn(Detour(DwaConfig()), Surroundings((), (MovingObstacle(2.0, 0.1, 0.0, 0.0, 0.0, 0.0),)))
@@ -53,7 +53,7 @@ def test_a_platform_that_stands_is_gone_around_with_its_own_width() -> None:
     assert platform > point
 
 
-def test_it_does_not_change_its_mind_for_a_hand_s_breadth() -> None:
+def test_detour_keeps_side_for_small_advantage() -> None:
     detour = Detour(DwaConfig())
     first = turn(detour, Surroundings(((3.0, -0.2),)))
     second = turn(detour, Surroundings(((3.0, 0.2),)))
@@ -63,6 +63,6 @@ def test_it_does_not_change_its_mind_for_a_hand_s_breadth() -> None:
     assert turn(detour, Surroundings(((3.0, 0.2),))) < 0
 
 
-def test_without_any_free_direction_it_leaves_the_rest_to_the_planner() -> None:
+def test_blocked_detour_leaves_rest_to_planner() -> None:
     ring = tuple((math.cos(a / 10), math.sin(a / 10)) for a in range(63))
     assert Detour(DwaConfig()).aim(HERE, AHEAD, 4.0, Surroundings(ring)) == AHEAD

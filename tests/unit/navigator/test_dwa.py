@@ -70,7 +70,7 @@ def moving(v: float, w: float = 0.0) -> Pose:
     return Pose.planar(0.0, 0.0, 0.0, 0.0, (v, 0.0, 0.0), w)
 
 
-def test_a_free_way_is_driven_straight_at_the_wanted_speed() -> None:
+def test_free_way_is_driven_straight_at_wanted_speed() -> None:
     choice = Planner(LIMITS).plan(moving(1.0), 1.0, AHEAD, 1.2, Surroundings())
     assert choice.v_m_s == pytest.approx(1.2)
     assert choice.w_rad_s == pytest.approx(0.0)
@@ -118,7 +118,7 @@ def test_a_late_vehicle_keeps_more_distance() -> None:
     assert gaps_m[1] > gaps_m[0] + 0.02
 
 
-def test_it_stops_before_a_wall_without_a_way_around() -> None:
+def test_vehicle_stops_before_unpassable_wall() -> None:
     wall = tuple((6.0, y / 4) for y in range(-40, 41))
     track = drive(Surroundings(wall))
     assert max(p.x_m for p in track) < 6.0 - LIMITS.radius_m
@@ -153,7 +153,7 @@ def test_walled_in_it_stands_and_says_so() -> None:
     assert abs(choice.v_m_s) < 0.05
 
 
-def test_too_close_to_something_it_may_still_drive_away() -> None:
+def test_vehicle_too_close_may_drive_away() -> None:
     behind = Surroundings(((-0.45, 0.0),))
     choice = Planner(LIMITS).plan(moving(0.0), 0.0, AHEAD, 1.0, behind)
     assert choice.free
@@ -173,7 +173,7 @@ def test_in_a_hurry_the_speed_outweighs_the_rest() -> None:
     st.floats(-1.4, 1.4),
     st.lists(st.tuples(st.floats(-6, 6), st.floats(-6, 6)), max_size=12),
 )
-def test_a_choice_is_always_attainable_and_can_be_braked(
+def test_choice_is_always_attainable_and_can_be_braked(
     v: float, w: float, points: list[tuple[float, float]]
 ) -> None:
     points = [p for p in points if math.hypot(*p) > LIMITS.radius_m]
@@ -215,7 +215,7 @@ MOVERS = st.builds(
     ),
     gain=st.floats(1.0, 20.0),
 )
-def test_the_choice_is_as_good_as_if_every_candidate_were_computed(
+def test_choice_equals_exhaustive_candidate_search(
     at: tuple[float, float, float],
     speed: tuple[float, float],
     ahead: tuple[float, float],

@@ -84,7 +84,7 @@ def weaving(t: float) -> tuple[Pose, tuple[float, float, float]]:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_with_one_sample_of_many_the_velocity_does_not_run_away(seed: int) -> None:
+def test_velocity_stays_bounded_with_one_sample(seed: int) -> None:
     chance = random.Random(seed)
     sensors = SensorErrors(SensorsConfig(), WORLD, chance.gauss, chance.random)
     estimator = Estimator(EstimatorConfig(), WORLD.origin)
@@ -104,7 +104,7 @@ def test_with_one_sample_of_many_the_velocity_does_not_run_away(seed: int) -> No
     assert worst_m_s < 1.5
 
 
-def test_after_a_gap_in_the_samples_the_compass_decides() -> None:
+def test_compass_decides_after_gap_in_samples() -> None:
     estimator = Estimator(EstimatorConfig(), WORLD.origin)
     for ms, yaw, rate in ((0, 0.0, 0.0), (50, 0.0, 1.5), (850, 0.4, 0.0)):
         fast = Imu(0.0, 0.0, rate, 0.0, 0.0, GRAVITY_M_S2, yaw)
@@ -143,14 +143,14 @@ def fed(until_ms: int, *, gnss: bool = True, imu: bool = True) -> Estimator:
     return estimator
 
 
-def test_there_is_no_pose_before_the_first_fix_and_heading() -> None:
+def test_pose_needs_first_fix_and_heading() -> None:
     assert fed(2000, gnss=False).pose() is None
     assert fed(2000, imu=False).pose() is None
     assert fed(2000).pose() is not None
 
 
 @pytest.mark.parametrize(("sensor", "limit_ms"), [("gnss", 1000), ("imu", 500)])
-def test_the_pose_is_gone_when_a_sensor_is_silent_too_long(sensor: str, limit_ms: int) -> None:
+def test_pose_ends_when_sensor_is_silent(sensor: str, limit_ms: int) -> None:
     estimator = fed(2000)
     for ms in range(2000, 2000 + limit_ms + 200, 50):
         if sensor != "imu":
@@ -163,7 +163,7 @@ def test_the_pose_is_gone_when_a_sensor_is_silent_too_long(sensor: str, limit_ms
     assert estimator.pose() is None
 
 
-def test_the_delay_of_a_step_is_no_silence_of_the_sensors() -> None:
+def test_delay_of_step_is_no_silence_of_sensors() -> None:
     estimator = fed(2000, imu=True)
     estimator.predict(2600 * MS)
     assert estimator.pose() is None, "for a step in time the inertial unit has been silent for too long"
@@ -180,7 +180,7 @@ def test_an_old_fix_changes_nothing() -> None:
     assert estimator.pose() == before
 
 
-def test_the_force_of_a_tilted_body_is_levelled_by_its_attitude() -> None:
+def test_tilted_force_is_levelled_by_attitude() -> None:
     # a multirotor accelerates by its tilt: the accelerometer itself feels nothing forward
     pitch = 0.2
     lift = GRAVITY_M_S2 / math.cos(pitch)

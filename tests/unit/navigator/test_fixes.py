@@ -35,7 +35,7 @@ def estimated(estimator: Estimator, fixes: list[GnssFix], start_ms: int = 0) -> 
 
 
 @pytest.mark.parametrize("accuracy_m", NONE)
-def test_an_accuracy_that_is_none_counts_as_a_bad_one(accuracy_m: float) -> None:
+def test_missing_accuracy_counts_as_bad(accuracy_m: float) -> None:
     assert fix(0, 0, 0, accuracy_m).sigma_m == 15.0
     estimator = Estimator(EstimatorConfig(), ORIGIN)
     estimated(estimator, [fix(0.0, 0.0)] * 20)
@@ -49,7 +49,7 @@ def test_a_small_accuracy_has_a_floor() -> None:
 
 
 @given(ANY, ANY, ANY, ANY, ANY)
-def test_no_measurement_makes_an_axis_divide_by_zero_or_lose_its_state(
+def test_no_measurement_divides_by_zero_or_resets(
     position: float, sigma: float, second: float, other: float, variance: float
 ) -> None:
     axis = KalmanAxis(0.0, sigma, 0.0)
@@ -72,7 +72,7 @@ def test_zero_errors_do_not_end_the_flight_controller() -> None:
 
 
 @pytest.mark.parametrize("bad", [fix(0, 0, 0, 10.1), fix(0, 0, 0, 0.0), fix(0, 0, math.nan)])
-def test_the_flight_controller_begins_its_map_at_a_good_fix(bad: GnssFix) -> None:
+def test_flight_controller_begins_its_map_at_good_fix(bad: GnssFix) -> None:
     motion = MotionFilter(10.0)
     motion.on_fix(bad, 1, 1)
     motion.predict((1.0, 0.0, GRAVITY_M_S2), 1.0, landed=False)
@@ -83,7 +83,7 @@ def test_the_flight_controller_begins_its_map_at_a_good_fix(bad: GnssFix) -> Non
     assert motion.position_m[0] == pytest.approx(0.5), "the origin is the good fix"
 
 
-def test_fixes_of_two_dimensions_leave_the_height_of_the_flight_controller() -> None:
+def test_two_dimensional_fixes_keep_controllers_height() -> None:
     motion = MotionFilter()
     motion.on_fix(fix(0.0, 0.0, 10.0, 0.1), 1, 1)
     for at in range(2, 200):

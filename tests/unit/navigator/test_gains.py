@@ -23,7 +23,7 @@ KEYS = {f"config/{name}": key for key, name in Navigator.live_settings.items()}
 
 
 @pytest.mark.parametrize("name", ["ugv", "multirotor"])
-def test_each_setting_of_a_template_is_a_gain_with_the_same_default(name: str) -> None:
+def test_template_setting_is_gain_with_same_default(name: str) -> None:
     settings = [
         r for r in load(name, TEMPLATES).resources if r.path.startswith(PREFIX) and r.kind is Kind.SETTING
     ]
@@ -56,6 +56,6 @@ def test_the_kind_of_platform_chooses_the_controller(kind: str, flies: bool) -> 
 
 
 @pytest.mark.parametrize(("airframe", "circles"), [("fixed_wing", True), ("helicopter", False)])
-def test_an_airframe_that_cannot_stop_gets_the_controller_that_circles(airframe: str, circles: bool) -> None:
+def test_airframe_that_cannot_stop_gets_controller_that_circles(airframe: str, circles: bool) -> None:
     found = controller(PlatformKind.UAV, Config(), load_airframe(SHARE, airframe))
     assert (found.circle_m > 0.0) is circles

@@ -101,7 +101,7 @@ def path(fly: Fly, duration_s: float) -> tuple[list[tuple[float, float, float]],
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_with_the_delays_of_two_links_the_halves_fly_the_path_of_the_whole(seed: int) -> None:
+def test_delayed_halves_fly_path_of_whole(seed: int) -> None:
     goal = Goal(1, GoalKind.GOTO, 12.0, 5.0, 10.0, speed_m_s=3.0)
     whole, arrived = path(lumped(goal), 15.0)
     parts, also = path(halves(goal, seed=seed), 15.0)
@@ -110,7 +110,7 @@ def test_with_the_delays_of_two_links_the_halves_fly_the_path_of_the_whole(seed:
     assert math.sqrt(sum(squares) / len(squares)) < 0.1
 
 
-def test_a_pose_is_predicted_to_the_instant_of_its_use_and_ends_with_its_time_out() -> None:
+def test_pose_is_predicted_until_its_time_out() -> None:
     received = ReceivedPose(0.6)
     assert received.at(ns(5.0)) is None
     received.on_pose(Pose.planar(1.0, 2.0, 3.0, 0.5, (2.0, 0.0, -1.0), 0.2), ns(5.0))
@@ -126,7 +126,7 @@ def test_a_pose_is_predicted_to_the_instant_of_its_use_and_ends_with_its_time_ou
     assert late.x_m == pytest.approx(1.2), "an older estimate came later"
 
 
-def test_a_pose_of_a_clock_ahead_is_used_as_it_is() -> None:
+def test_pose_of_clock_ahead_is_unchanged() -> None:
     received = ReceivedPose(0.6)
     pose = Pose.planar(1.0, 0.0, 0.0, 0.0, (5.0, 0.0, 0.0))
     received.on_pose(pose, ns(5.002))
@@ -144,9 +144,7 @@ def test_a_pose_of_a_clock_ahead_is_used_as_it_is() -> None:
         ((0, 1, 2), 1),
     ],
 )
-def test_a_step_follows_each_value_at_about_the_rate_of_the_task(
-    arrivals_ms: tuple[int, ...], steps: int
-) -> None:
+def test_step_follows_values_at_task_rate(arrivals_ms: tuple[int, ...], steps: int) -> None:
     pace = Pace()
     assert sum(pace.take(ns(1.0 + at_ms / 1e3), STEP_S) for at_ms in arrivals_ms) == steps
     assert pace.wait_s(STEP_S) > STEP_S
@@ -164,7 +162,7 @@ def test_without_a_pose_the_guidance_stops_the_vehicle() -> None:
     assert stopped.status.error == NavError.NO_POSITION
 
 
-def test_the_estimator_lets_a_vehicle_rest_only_while_nobody_moves_it() -> None:
+def test_estimator_rests_only_while_unmoved() -> None:
     estimation = PoseEstimation(Config().estimator, ORIGIN, flies=True, hovers=False)
     estimation.on_vehicle(VehicleState(armed=True, landed=True))
     chart = LocalMap(ORIGIN)

@@ -43,9 +43,7 @@ class Navigator:
 
 
 @pytest.mark.parametrize("platforms", [1, 3])
-async def test_a_vehicle_at_rest_reads_no_neighbour_and_all_of_them_in_the_step_after(
-    tmp_path: Path, platforms: int
-) -> None:
+async def test_resting_vehicle_reads_no_neighbour(tmp_path: Path, platforms: int) -> None:
     async with tmp_node(tmp_path) as node, Module("navigator", node=node) as m:
         state = m.writer("vehicle/state", VehicleState)
         names = [f"uav{number}" for number in range(2, 2 + platforms)]

@@ -24,7 +24,7 @@ from swarmware.types.vehicle import (
 COURSE = ((0.0, 0.0), (50.0, 0.0))
 
 
-def test_without_a_goal_it_is_idle_and_tells_its_pose() -> None:
+def test_vehicle_without_goal_idles_with_pose() -> None:
     rig = Rig().go(1.0)
     assert rig.status.state == "idle"
     assert rig.last.pose is not None
@@ -88,7 +88,7 @@ def test_hold_stays_where_the_vehicle_stopped() -> None:
     assert rig.truth.x_m == pytest.approx(x, abs=0.1)
 
 
-def test_a_disarmed_vehicle_is_blocked_but_not_at_once() -> None:
+def test_disarmed_vehicle_is_blocked_but_not_at_once() -> None:
     rig = Rig("ugv")
     rig.vehicle(False, True)
     rig.go(0.5).goal(Goal(1, GoalKind.GOTO, 5.0)).go(0.5)
@@ -149,7 +149,7 @@ def test_driving_to_and_fro_is_no_progress() -> None:
         (Goal(1, GoalKind.FORMATION, leader="uav1"), "uav", "expected a course"),
     ],
 )
-def test_a_goal_that_makes_no_sense_is_blocked_with_the_reason(goal: Goal, kind: str, note: str) -> None:
+def test_senseless_goal_is_blocked_with_reason(goal: Goal, kind: str, note: str) -> None:
     rig = Rig(kind).go(0.5).goal(goal).go(0.5)
     assert rig.status.state == "blocked"
     assert rig.status.error is NavError.BAD_GOAL
@@ -184,7 +184,7 @@ def test_a_follower_takes_its_slot_and_keeps_it() -> None:
     assert rig.status.state == "moving"
 
 
-def test_a_follower_has_arrived_when_the_leader_is_at_the_end() -> None:
+def test_follower_has_arrived_when_leader_is_at_end() -> None:
     rig = Rig()
     rig.neighbours["ugv1"] = Pose.planar(50.1, 0.1)
     rig.go(0.5).goal(formation()).go(30.0)
@@ -193,7 +193,7 @@ def test_a_follower_has_arrived_when_the_leader_is_at_the_end() -> None:
 
 @pytest.mark.parametrize("too_far_m", [0.8, 1.5, 2.5])
 @pytest.mark.parametrize("course", [COURSE, ()], ids=["course", "rigid"])
-def test_a_ground_vehicle_that_overshot_its_slot_drives_back(
+def test_ground_vehicle_that_overshot_its_slot_drives_back(
     too_far_m: float, course: tuple[tuple[float, float], ...]
 ) -> None:
     rig = Rig("ugv", "ugv2")
@@ -206,7 +206,7 @@ def test_a_ground_vehicle_that_overshot_its_slot_drives_back(
 
 @pytest.mark.parametrize("beside_m", [0.8, -1.5, 4.0])
 @pytest.mark.parametrize("behind_m", [0.0, 1.5, 6.0])
-def test_a_ground_vehicle_beside_its_slot_comes_from_behind(beside_m: float, behind_m: float) -> None:
+def test_ground_vehicle_beside_its_slot_comes_from_behind(beside_m: float, behind_m: float) -> None:
     rig = Rig("ugv", "ugv2")
     rig.neighbours["ugv1"] = Pose.planar(20.0 - behind_m, 0.0)
     goal = Goal(1, GoalKind.FORMATION, leader="ugv1", offset_m=(-20.0, beside_m, 0.0), course=COURSE)
@@ -216,7 +216,7 @@ def test_a_ground_vehicle_beside_its_slot_comes_from_behind(beside_m: float, beh
     assert abs(rig.truth.yaw_rad) < 0.3
 
 
-def test_a_lost_leader_is_held_for_and_found_again() -> None:
+def test_lost_leader_is_held_for_and_found_again() -> None:
     rig = Rig()
     rig.neighbours["ugv1"] = Pose.planar(10.0, 0.0)
     rig.go(0.5).goal(formation()).go(3.0)
@@ -231,7 +231,7 @@ def test_a_lost_leader_is_held_for_and_found_again() -> None:
 
 
 @pytest.mark.parametrize("kind", ["uav", "ugv"])
-def test_the_leader_drives_the_course_and_stops_at_its_end(kind: str) -> None:
+def test_leader_drives_course_and_stops_at_its_end(kind: str) -> None:
     rig = Rig(kind, "ugv1")
     goal = msgspec.structs.replace(formation(), offset_m=(0.0, 0.0, 0.0))
     rig.go(0.5).goal(goal).go(5.0)
@@ -264,7 +264,7 @@ def test_echoes_are_avoided() -> None:
 
 
 @pytest.mark.parametrize(("late_s", "drives"), [(0.0, True), (0.15, False)])
-def test_a_late_vehicle_does_not_forget_what_it_saw(late_s: float, drives: bool) -> None:
+def test_late_vehicle_does_not_forget_what_it_saw(late_s: float, drives: bool) -> None:
     rig = Rig("ugv", "ugv1").go(0.2).goal(Goal(1, GoalKind.GOTO, 20.0, 0.0, 0.0, speed_m_s=2.0))
     around = Range(-math.pi, math.tau / 72, 10.0, (0.45,) * 72)
     rig.navigator.on_scan(around, rig.now_ns)
@@ -277,7 +277,7 @@ def test_a_late_vehicle_does_not_forget_what_it_saw(late_s: float, drives: bool)
     assert (setpoint.vx_m_s > 0.1) == drives
 
 
-def test_a_late_ground_vehicle_plans_from_where_its_set_point_takes_effect() -> None:
+def test_late_ground_vehicle_plans_from_effective_place() -> None:
     found = []
     for delay_s in (0.0, 0.8):
         pilot = GroundController(Config())
@@ -290,7 +290,7 @@ def test_a_late_ground_vehicle_plans_from_where_its_set_point_takes_effect() -> 
     assert late.wz_rad_s < -0.05
 
 
-def test_braking_a_late_ground_vehicle_does_not_curl_into_what_it_brakes_for() -> None:
+def test_braking_vehicle_does_not_curl_into_obstacle() -> None:
     found = []
     for delay_s in (0.0, 0.4):
         around = tuple((1.2 * math.cos(i / 10), 1.2 * math.sin(i / 10)) for i in range(63))
@@ -307,7 +307,7 @@ def test_braking_a_late_ground_vehicle_does_not_curl_into_what_it_brakes_for() -
     assert -0.4 < late.wz_rad_s < 0.0
 
 
-def test_the_status_comes_at_its_rate_and_at_each_change() -> None:
+def test_status_comes_at_rate_and_change() -> None:
     rig = Rig().go(2.0)
     before = len(rig.said)
     assert before == pytest.approx(2.0 * Config().status_hz, abs=2)
@@ -325,7 +325,7 @@ def test_the_same_goal_again_changes_nothing() -> None:
     assert len(rig.said) - count <= 1
 
 
-def test_a_vehicle_that_is_disarmed_on_the_ground_is_navigated_at_the_rate_of_rest() -> None:
+def test_disarmed_grounded_vehicle_has_rest_rate() -> None:
     rig = Rig("ugv")
     moving_s, resting_s = 1 / Config().rate_hz, 1 / Config().rest_hz
     assert resting_s > moving_s
@@ -338,14 +338,14 @@ def test_a_vehicle_that_is_disarmed_on_the_ground_is_navigated_at_the_rate_of_re
     assert rig.navigator.period_s() == moving_s
 
 
-def test_the_rate_of_rest_is_never_above_the_usual_one() -> None:
+def test_rate_of_rest_is_never_above_usual_one() -> None:
     config = Config(rate_hz=12.0, rest_hz=20.0)
     navigator = NavigatorCore(config, "ugv1", ORIGIN, GroundController(config))
     navigator.on_vehicle(VehicleState(False, True))
     assert navigator.period_s() == 1 / 12
 
 
-def test_a_vehicle_at_rest_finds_its_pose_with_samples_at_the_rate_of_rest() -> None:
+def test_resting_vehicle_finds_pose_at_rest_rate() -> None:
     rig = Rig("ugv")
     rig.vehicle(False, True)
     for _ in range(40):

@@ -85,7 +85,7 @@ def test_the_pose_of_a_parked_vehicle_stands_still(seed: int) -> None:
     assert changes <= 3, "in half a minute"
 
 
-def test_the_position_of_a_parked_vehicle_is_within_centimetres() -> None:
+def test_position_of_parked_vehicle_is_within_centimetres() -> None:
     squares = []
     for seed in range(25):
         parked = Parked(seed)
@@ -122,9 +122,7 @@ def push(accel: float, speed: float, at_s: float = 10.0) -> Way:
     ("accel", "speed", "within_s"), [(2.0, 1.0, 0.25), (1.0, 0.5, 0.3), (0.2, 0.4, 2.5), (0.05, 0.2, 4.5)]
 )
 @pytest.mark.parametrize("seed", range(4))
-def test_a_vehicle_that_is_pushed_is_not_held_in_its_place(
-    accel: float, speed: float, within_s: float, seed: int
-) -> None:
+def test_pushed_vehicle_is_not_held(accel: float, speed: float, within_s: float, seed: int) -> None:
     parked = Parked(seed, way=push(accel, speed))
     parked.run(10.0)
     rested = [parked.estimator.at_rest]
@@ -168,7 +166,7 @@ def test_without_inertial_unit_nothing_is_at_rest() -> None:
     assert not parked.estimator.at_rest
 
 
-def test_whoever_is_armed_and_climbs_is_not_held_for_one_step() -> None:
+def test_armed_climbing_vehicle_is_never_held() -> None:
     parked = Parked(5)
     navigator = NavigatorCore(Config(), "uav1", WORLD.origin, AirController(Config()))
     navigator.on_vehicle(VehicleState(armed=False, landed=True))

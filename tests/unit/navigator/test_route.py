@@ -40,7 +40,7 @@ def test_it_leads_around_the_end_of_a_wall() -> None:
 
 
 @pytest.mark.parametrize(("gap_m", "through"), [(3.0, True), (0.8, False)])
-def test_it_leads_through_a_gap_only_if_the_vehicle_fits(gap_m: float, through: bool) -> None:
+def test_detour_uses_gap_only_for_fitting_vehicle(gap_m: float, through: bool) -> None:
     points = [point for point in WALL if abs(point[1]) > gap_m / 2]
     route, _ = routed(points, (10.0, 0.0))
     assert route is not None
@@ -51,20 +51,20 @@ def test_without_obstacles_it_is_the_straight_line() -> None:
     assert routed([], (10.0, 0.0)) == ([(10.0, 0.0)], 1)
 
 
-def test_out_of_a_ring_there_is_none_and_the_search_ends() -> None:
+def test_enclosed_vehicle_has_no_route_and_ends() -> None:
     ring = [(3 * math.cos(angle / 20), 3 * math.sin(angle / 20)) for angle in range(126)]
     route, steps = routed(ring, (10.0, 0.0))
     assert route is None
     assert steps < 10
 
 
-def test_a_far_goal_is_aimed_at_from_the_end_of_its_reach() -> None:
+def test_far_goal_is_aimed_at_within_reach() -> None:
     route, _ = routed(WALL, (1_000.0, 0.0))
     assert route is not None
     assert route[-1] == (REACH_M, 0.0)
 
 
-def test_a_search_without_a_way_takes_few_cells_in_each_step() -> None:
+def test_search_without_way_takes_few_cells() -> None:
     box = [(x / 2, y) for x in range(-60, 100) for y in (-16.0, 16.0)]
     box += [(x, y / 2) for x in (-16.0, 26.0) for y in range(-32, 33)]
     goal = (10.0, 0.0)

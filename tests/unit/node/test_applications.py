@@ -38,7 +38,7 @@ def join(node: Node, name: str) -> AppFile:
     return AppFile(node.run_dir, name, endpoint="ipc://x", started_ns=1, announce=node.announce_apps)
 
 
-async def test_every_subscriber_gets_each_change_once_although_others_refresh_the_table(
+async def test_subscriber_gets_each_change_once_despite_others(
     tmp_path: Path,
 ) -> None:
     async with tmp_node(tmp_path) as node:
@@ -57,7 +57,7 @@ async def test_every_subscriber_gets_each_change_once_although_others_refresh_th
         other.subscription.close()
 
 
-async def test_who_ended_without_taking_its_file_away_has_died(tmp_path: Path) -> None:
+async def test_owner_leaving_its_file_has_died(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         app = join(node, "planner")
         seen = Seen(node)
@@ -67,7 +67,7 @@ async def test_who_ended_without_taking_its_file_away_has_died(tmp_path: Path) -
         seen.subscription.close()
 
 
-async def test_an_application_that_another_process_replaced_has_left_and_joined(tmp_path: Path) -> None:
+async def test_replaced_application_has_left_and_joined(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         app = join(node, "planner")
         seen = Seen(node)
@@ -78,7 +78,7 @@ async def test_an_application_that_another_process_replaced_has_left_and_joined(
         app.close()
 
 
-async def test_who_subscribes_later_gets_only_what_changes_from_then_on(tmp_path: Path) -> None:
+async def test_late_subscriber_gets_only_later_changes(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         early = Seen(node)
         first = join(node, "first")
@@ -95,7 +95,7 @@ async def test_who_subscribes_later_gets_only_what_changes_from_then_on(tmp_path
         first.close()
 
 
-async def test_after_the_end_of_a_subscription_nothing_is_delivered(tmp_path: Path) -> None:
+async def test_ended_subscription_delivers_nothing(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         seen = Seen(node)
         app = join(node, "planner")

@@ -50,9 +50,7 @@ def newest(follower: RingFollower) -> int | None:
     return None if found is None else found.sequence
 
 
-def test_a_ring_that_appears_later_is_read_from_its_first_frame(
-    path: Path, doorbells: DoorbellSenders
-) -> None:
+def test_late_ring_is_read_from_first_frame(path: Path, doorbells: DoorbellSenders) -> None:
     follower = RingFollower(path, data_id=POSE)
     assert follower.next() is None and follower.newest() is None and follower.peek() is None
     assert follower.position == -1
@@ -66,7 +64,7 @@ def test_a_ring_that_appears_later_is_read_from_its_first_frame(
 
 
 @pytest.mark.parametrize(("from_oldest", "expected"), [(False, [3]), (True, [1, 2, 3])])
-def test_of_a_ring_that_is_there_only_what_comes_is_given_or_all(
+def test_existing_ring_gives_new_or_all_frames(
     path: Path, doorbells: DoorbellSenders, from_oldest: bool, expected: list[int]
 ) -> None:
     writer = ring(path, doorbells)
@@ -79,9 +77,7 @@ def test_of_a_ring_that_is_there_only_what_comes_is_given_or_all(
     follower.close()
 
 
-def test_the_newest_frame_is_given_once_and_peeked_at_any_time(
-    path: Path, doorbells: DoorbellSenders
-) -> None:
+def test_newest_frame_is_given_once_peeked_always(path: Path, doorbells: DoorbellSenders) -> None:
     writer = ring(path, doorbells)
     writer.publish(frame(1))
     writer.publish(frame(2))
@@ -97,7 +93,7 @@ def test_the_newest_frame_is_given_once_and_peeked_at_any_time(
     follower.close()
 
 
-def test_a_ring_that_grows_is_followed_without_a_gap(path: Path, doorbells: DoorbellSenders) -> None:
+def test_ring_that_grows_is_followed_without_gap(path: Path, doorbells: DoorbellSenders) -> None:
     writer = ring(path, doorbells, slot_bytes=64)
     follower = RingFollower(path, data_id=POSE)
     latest = RingFollower(path, data_id=POSE)
@@ -111,9 +107,7 @@ def test_a_ring_that_grows_is_followed_without_a_gap(path: Path, doorbells: Door
     latest.close()
 
 
-def test_the_last_frame_of_a_ring_that_is_withdrawn_is_still_given(
-    path: Path, doorbells: DoorbellSenders
-) -> None:
+def test_withdrawn_ring_still_gives_last_frame(path: Path, doorbells: DoorbellSenders) -> None:
     writer = ring(path, doorbells)
     ordered, latest = RingFollower(path, data_id=POSE), RingFollower(path, data_id=POSE)
     writer.publish(frame(1))
@@ -126,9 +120,7 @@ def test_the_last_frame_of_a_ring_that_is_withdrawn_is_still_given(
     latest.close()
 
 
-def test_a_ring_that_begins_again_is_read_from_its_first_frame_and_the_position_grows(
-    path: Path, doorbells: DoorbellSenders
-) -> None:
+def test_restarted_ring_is_read_from_first_frame(path: Path, doorbells: DoorbellSenders) -> None:
     first = ring(path, doorbells)
     ordered, latest = RingFollower(path, data_id=POSE), RingFollower(path, data_id=POSE)
     for number in (1, 2, 3):
@@ -145,7 +137,7 @@ def test_a_ring_that_begins_again_is_read_from_its_first_frame_and_the_position_
     latest.close()
 
 
-async def test_the_first_frame_of_a_ring_that_was_opened_before_it_is_reported(tmp_path: Path) -> None:
+async def test_frame_before_opened_ring_is_reported(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         called: list[int] = []
         mine = node.shm_dir / "mine.ring"
@@ -178,7 +170,7 @@ def test_what_is_overwritten_is_counted_once(path: Path, doorbells: DoorbellSend
 
 
 @pytest.mark.parametrize("wrong", [frame(2, data_id=POSE + 1), b"no frame at all"])
-def test_a_frame_that_is_not_of_this_resource_is_refused_and_the_first_is_logged(
+def test_foreign_frame_is_refused_and_first_logged(
     path: Path, doorbells: DoorbellSenders, wrong: bytes, caplog: pytest.LogCaptureFixture
 ) -> None:
     writer = ring(path, doorbells)
@@ -208,7 +200,7 @@ def test_without_a_data_id_every_frame_is_given(path: Path, doorbells: DoorbellS
     follower.close()
 
 
-def test_a_file_that_is_not_a_ring_is_logged_once_and_waited_for(
+def test_non_ring_file_is_logged_and_awaited(
     path: Path, doorbells: DoorbellSenders, caplog: pytest.LogCaptureFixture
 ) -> None:
     path.write_bytes(b"x" * 4096)
@@ -222,7 +214,7 @@ def test_a_file_that_is_not_a_ring_is_logged_once_and_waited_for(
     follower.close()
 
 
-async def test_who_listens_is_called_at_changes_of_this_ring_only(tmp_path: Path) -> None:
+async def test_listener_is_called_for_this_ring_only(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         called: list[int] = []
         change = asyncio.Event()

@@ -14,7 +14,7 @@ from swarmware.node.incarnation import NodeIncarnation
 from swarmware.testing.tmpnode import make_node
 
 
-def test_who_comes_while_somebody_lives_there_has_the_same_number_and_the_next_start_a_larger_one(
+def test_joiner_keeps_number_and_next_start_raises(
     tmp_path: Path,
 ) -> None:
     run, shm = tmp_path / "run", tmp_path / "shm"
@@ -33,7 +33,7 @@ def test_who_comes_while_somebody_lives_there_has_the_same_number_and_the_next_s
     third.leave()
 
 
-def test_the_number_grows_although_the_wall_clock_was_set_back(tmp_path: Path) -> None:
+def test_number_grows_although_wall_clock_was_set_back(tmp_path: Path) -> None:
     run = tmp_path / "run"
     run.mkdir(mode=0o700)
     ahead = utc_ns() + 10**18
@@ -43,7 +43,7 @@ def test_the_number_grows_although_the_wall_clock_was_set_back(tmp_path: Path) -
     boot.leave()
 
 
-def test_the_start_of_the_node_is_kept_on_the_clock_that_nobody_sets(tmp_path: Path) -> None:
+def test_start_of_node_is_on_monotonic_clock(tmp_path: Path) -> None:
     run, shm = tmp_path / "run", tmp_path / "shm"
     before_ns = time.monotonic_ns()
     first = NodeIncarnation(run, shm)
@@ -69,7 +69,7 @@ def test_a_start_takes_away_what_the_dead_left(tmp_path: Path) -> None:
     boot.leave()
 
 
-def test_a_signal_ends_a_program_of_several_modules_in_order_and_means_afterwards_what_it_meant(
+def test_signal_ends_modules_in_order_then_resets(
     tmp_path: Path,
 ) -> None:
     folder = make_node(tmp_path)

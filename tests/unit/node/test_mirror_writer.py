@@ -47,7 +47,7 @@ def taken(follower: RingFollower) -> list[int]:
 
 
 @pytest.mark.parametrize("kind", [FrameKind.EVENT, FrameKind.STREAM])
-def test_an_item_that_is_late_or_comes_twice_is_written_once(tmp_path: Path, kind: FrameKind) -> None:
+def test_late_or_repeated_item_is_written_once(tmp_path: Path, kind: FrameKind) -> None:
     async def test(node: Node) -> None:
         writer = MirrorWriter(node)
         came = [(1, 10), (2, 20), (2, 20), (1, 10), (3, 30)]
@@ -61,7 +61,7 @@ def test_an_item_that_is_late_or_comes_twice_is_written_once(tmp_path: Path, kin
     with_node(tmp_path, test)
 
 
-def test_of_a_board_each_value_counts_also_one_with_a_smaller_number(tmp_path: Path) -> None:
+def test_each_board_value_counts_in_any_order(tmp_path: Path) -> None:
     async def test(node: Node) -> None:
         writer = MirrorWriter(node)
         for sequence, stamp_ns in ((5, 50), (1, 10)):
@@ -76,7 +76,7 @@ def test_of_a_board_each_value_counts_also_one_with_a_smaller_number(tmp_path: P
     with_node(tmp_path, test)
 
 
-def test_former_values_of_a_board_have_a_mirror_of_their_own_and_leave_the_newest(tmp_path: Path) -> None:
+def test_former_board_values_have_own_mirror(tmp_path: Path) -> None:
     async def test(node: Node) -> None:
         writer = MirrorWriter(node)
         board, former = follow(node, "power/fuel"), follow(node, paths.history("power/fuel"))
@@ -98,7 +98,7 @@ def test_former_values_of_a_board_have_a_mirror_of_their_own_and_leave_the_newes
     with_node(tmp_path, test)
 
 
-def test_a_whole_outage_of_former_values_is_readable_at_once(tmp_path: Path) -> None:
+def test_outage_of_former_values_is_readable_together(tmp_path: Path) -> None:
     async def test(node: Node) -> None:
         writer, former = MirrorWriter(node), follow(node, paths.history(PATH))
         for sequence in range(1000):
@@ -110,7 +110,7 @@ def test_a_whole_outage_of_former_values_is_readable_at_once(tmp_path: Path) -> 
     with_node(tmp_path, test)
 
 
-def test_an_owner_that_restarted_its_application_goes_on_with_later_stamps(tmp_path: Path) -> None:
+def test_restarted_owner_continues_with_later_stamps(tmp_path: Path) -> None:
     async def test(node: Node) -> None:
         writer = MirrorWriter(node)
         assert writer.write("uav7", PATH, item(900, HOUR_NS), epoch=1)
@@ -120,7 +120,7 @@ def test_an_owner_that_restarted_its_application_goes_on_with_later_stamps(tmp_p
     with_node(tmp_path, test)
 
 
-def test_a_platform_that_was_switched_on_again_begins_its_numbers_and_its_clock_anew(tmp_path: Path) -> None:
+def test_restarted_platform_begins_numbers_and_clock(tmp_path: Path) -> None:
     async def test(node: Node) -> None:
         writer = MirrorWriter(node)
         assert writer.write("uav7", PATH, item(900, HOUR_NS), epoch=1)
@@ -136,7 +136,7 @@ def test_a_platform_that_was_switched_on_again_begins_its_numbers_and_its_clock_
     with_node(tmp_path, test)
 
 
-def test_only_the_last_epochs_of_an_owner_are_remembered() -> None:
+def test_only_last_epochs_of_owner_are_remembered() -> None:
     order = ArrivalOrder()
     for epoch in range(EPOCHS + 1):
         order.on_written(epoch, 5, 50)
@@ -144,7 +144,7 @@ def test_only_the_last_epochs_of_an_owner_are_remembered() -> None:
     assert all(order.is_late(epoch, 5, 50) for epoch in range(1, EPOCHS + 1))
 
 
-def test_a_writer_that_restarted_does_not_repeat_what_it_wrote_before(tmp_path: Path) -> None:
+def test_restarted_writer_repeats_nothing(tmp_path: Path) -> None:
     async def test(node: Node) -> None:
         former = MirrorWriter(node)
         former.write("uav7", PATH, item(4, 40), epoch=1)
@@ -164,7 +164,7 @@ def test_a_writer_that_restarted_does_not_repeat_what_it_wrote_before(tmp_path: 
     with_node(tmp_path, test)
 
 
-def test_a_value_without_a_number_gets_that_of_the_ring(tmp_path: Path) -> None:
+def test_value_without_number_gets_that_of_ring(tmp_path: Path) -> None:
     async def test(node: Node) -> None:
         for start in range(2):
             writer = MirrorWriter(node)
@@ -180,7 +180,7 @@ def test_a_value_without_a_number_gets_that_of_the_ring(tmp_path: Path) -> None:
     with_node(tmp_path, test)
 
 
-def test_mirrors_are_withdrawn_also_those_of_a_former_start_but_not_those_of_another_process(
+def test_own_mirrors_are_withdrawn_not_anothers(
     tmp_path: Path,
 ) -> None:
     async def test(node: Node) -> None:
@@ -208,7 +208,7 @@ def test_mirrors_are_withdrawn_also_those_of_a_former_start_but_not_those_of_ano
     with_node(tmp_path, test)
 
 
-def test_a_mirror_that_was_withdrawn_can_be_written_again(tmp_path: Path) -> None:
+def test_mirror_that_was_withdrawn_can_be_written_again(tmp_path: Path) -> None:
     async def test(node: Node) -> None:
         writer = MirrorWriter(node)
         frame = item(0, 1, kind=FrameKind.BOARD)
@@ -223,7 +223,7 @@ def test_a_mirror_that_was_withdrawn_can_be_written_again(tmp_path: Path) -> Non
     with_node(tmp_path, test)
 
 
-def test_a_ring_grows_with_its_values_and_loses_none_that_is_new(tmp_path: Path) -> None:
+def test_ring_grows_without_losing_new_values(tmp_path: Path) -> None:
     async def test(node: Node) -> None:
         writer = MirrorWriter(node)
         follower = follow(node)
@@ -247,9 +247,7 @@ def test_a_ring_grows_with_its_values_and_loses_none_that_is_new(tmp_path: Path)
         (FrameKind.STREAM, LARGE_BYTES + 1, 128),
     ],
 )
-def test_a_ring_has_room_for_a_window_of_its_kind(
-    tmp_path: Path, kind: FrameKind, size: int, slots: int
-) -> None:
+def test_ring_has_room_for_window_of_its_kind(tmp_path: Path, kind: FrameKind, size: int, slots: int) -> None:
     async def test(node: Node) -> None:
         writer = MirrorWriter(node)
         writer.write("uav7", PATH, item(1, 1, kind=kind, payload=bytes(size)), epoch=1)
@@ -260,7 +258,7 @@ def test_a_ring_has_room_for_a_window_of_its_kind(
     with_node(tmp_path, test)
 
 
-def test_a_resource_that_becomes_a_stream_gets_the_ring_of_a_stream(tmp_path: Path) -> None:
+def test_resource_that_becomes_stream_gets_ring_of_stream(tmp_path: Path) -> None:
     async def test(node: Node) -> None:
         writer = MirrorWriter(node)
         writer.write("uav7", PATH, item(9, 9, kind=FrameKind.BOARD), epoch=1)
@@ -284,9 +282,7 @@ def test_a_resource_that_becomes_a_stream_gets_the_ring_of_a_stream(tmp_path: Pa
         {"extension": bytes(256)},
     ],
 )
-def test_what_fits_no_frame_is_refused_counted_and_makes_no_ring(
-    tmp_path: Path, change: dict[str, object]
-) -> None:
+def test_oversized_value_is_refused_without_ring(tmp_path: Path, change: dict[str, object]) -> None:
     async def test(node: Node) -> None:
         writer = MirrorWriter(node)
         garbage = msgspec.structs.replace(item(1, 1), **change)
@@ -332,7 +328,7 @@ def test_a_mirror_that_another_process_writes_is_refused(tmp_path: Path) -> None
     with_node(tmp_path, test)
 
 
-def test_the_frame_is_the_owners_whatever_the_one_before_was_like(tmp_path: Path) -> None:
+def test_frame_is_owners_whatever_one_before_was_like(tmp_path: Path) -> None:
     async def test(node: Node) -> None:
         writer = MirrorWriter(node)
         follower = follow(node)

@@ -13,7 +13,7 @@ from swarmware.transport.shm.ring import RingReader
 from swarmware.types.scalar import Float
 
 
-async def test_modules_of_one_process_share_the_node_and_the_last_one_closes_it(tmp_path: Path) -> None:
+async def test_modules_share_node_and_last_closes_it(tmp_path: Path) -> None:
     folder = await asyncio.to_thread(make_node, tmp_path)
     async with Module("planner", config_dir=folder) as one:
         async with Module("mapper", config_dir=folder) as other:
@@ -27,7 +27,7 @@ async def test_modules_of_one_process_share_the_node_and_the_last_one_closes_it(
     assert not list((tmp_path / "uav1" / "run" / "p").iterdir()), "no socket is left"
 
 
-async def test_a_bell_wakes_who_watches_as_long_as_somebody_listens(tmp_path: Path) -> None:
+async def test_bell_wakes_watchers_while_listened_to(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
         rung = asyncio.Event()
 
@@ -51,7 +51,7 @@ async def test_a_bell_wakes_who_watches_as_long_as_somebody_listens(tmp_path: Pa
         node.unlisten(readers)
 
 
-async def test_a_mirror_lies_in_the_folder_of_its_platform_and_is_told_of(tmp_path: Path) -> None:
+async def test_mirror_lies_in_platform_folder_announced(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         before_ns = node.shm_dir.stat().st_mtime_ns
         mirror = node.mirror_writer("uav7", "nav/height")

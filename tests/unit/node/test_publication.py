@@ -55,7 +55,7 @@ def mark(path: Path) -> None:
 
 
 @pytest.mark.parametrize("harm", [cut, grow, garble, swap, mark, Path.unlink])
-def test_a_damaged_ring_is_replaced_and_its_sequence_goes_on(
+def test_damaged_ring_is_replaced_and_sequence_continues(
     publication: Publication, harm: Callable[[Path], None]
 ) -> None:
     publication.publish(b"one")
@@ -70,7 +70,7 @@ def test_a_damaged_ring_is_replaced_and_its_sequence_goes_on(
 
 
 @pytest.mark.parametrize("word", range(layout.STATIC_BYTES // 8))
-def test_every_word_of_the_header_that_never_changes_is_checked(publication: Publication, word: int) -> None:
+def test_every_constant_header_word_is_checked(publication: Publication, word: int) -> None:
     publication.publish(b"one")
     with publication.path.open("r+b") as file:
         file.seek(8 * word)
@@ -82,9 +82,7 @@ def test_every_word_of_the_header_that_never_changes_is_checked(publication: Pub
 
 
 @pytest.mark.parametrize("harm", [cut, grow, garble, swap, mark, Path.unlink])
-def test_the_newest_frame_is_in_the_new_file_and_nobody_gets_it_twice(
-    publication: Publication, harm: Callable[[Path], None]
-) -> None:
+def test_newest_frame_moves_to_file_once(publication: Publication, harm: Callable[[Path], None]) -> None:
     publication.publish(b"one")
     publication.publish(b"two")
     harm(publication.path)
@@ -94,7 +92,7 @@ def test_the_newest_frame_is_in_the_new_file_and_nobody_gets_it_twice(
         assert early.next() is None
 
 
-def test_a_frame_that_was_lent_is_not_written_again(publication: Publication) -> None:
+def test_frame_that_was_lent_is_not_written_again(publication: Publication) -> None:
     publication.publish(b"one")
     publication.loan(3)[:] = b"two"
     publication.publish_loan()
@@ -107,9 +105,7 @@ def test_a_frame_that_was_lent_is_not_written_again(publication: Publication) ->
 
 
 @pytest.mark.parametrize("harm", [grow, swap, mark, Path.unlink])
-def test_a_reader_of_the_old_file_is_sent_to_the_new_one(
-    publication: Publication, harm: Callable[[Path], None]
-) -> None:
+def test_reader_of_old_file_reaches_new(publication: Publication, harm: Callable[[Path], None]) -> None:
     publication.publish(b"one")
     reader = RingReader(publication.path)
     harm(publication.path)

@@ -88,7 +88,7 @@ def double(request: Int, meta: Meta) -> Int:
         *((one, replace) for one in (applications, sockets, bells, locks, everything)),
     ],
 )
-async def test_removed_and_replaced_files_are_made_again_and_named(
+async def test_removed_and_replaced_files_are_recreated(
     tmp_path: Path,
     caplog: pytest.LogCaptureFixture,
     which: Callable[[Node], list[Path]],
@@ -122,7 +122,7 @@ def everything_left(root: Path) -> list[Path]:
 LOCKS = {"boot", "master.lock"}
 
 
-async def test_a_file_that_cannot_be_made_again_is_reported_once_and_tried_again(
+async def test_unrecreatable_file_is_reported_once_and_retried(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     reported: list[Damage] = []
@@ -141,7 +141,7 @@ async def test_a_file_that_cannot_be_made_again_is_reported_once_and_tried_again
         assert reported[-1] == Damage((str(path),), ())
 
 
-async def test_a_process_that_comes_meanwhile_joins_the_running_incarnation(tmp_path: Path) -> None:
+async def test_process_that_comes_meanwhile_joins_running_incarnation(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("server", node=node) as m:
         (node.run_dir / "boot").unlink()
         other = await asyncio.to_thread(NodeIncarnation, node.run_dir, node.shm_dir)
@@ -150,7 +150,7 @@ async def test_a_process_that_comes_meanwhile_joins_the_running_incarnation(tmp_
         other.leave()
 
 
-async def test_a_process_that_comes_after_the_whole_folder_was_removed_joins_it_too(tmp_path: Path) -> None:
+async def test_late_process_joins_after_folder_removal(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("server", node=node) as m:
         m.writer("survey/count", Int).write(Int(1))
         shutil.rmtree(node.run_dir)
@@ -160,9 +160,7 @@ async def test_a_process_that_comes_after_the_whole_folder_was_removed_joins_it_
         other.leave()
 
 
-def test_a_lock_that_another_process_keeps_ends_a_start_with_a_line(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_foreign_lock_ends_start_with_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("swarmware.node.incarnation.LOCK_WAIT_S", 0.01)
     run_dir = tmp_path / "run"
     first = NodeIncarnation(run_dir, tmp_path / "shm")
@@ -174,7 +172,7 @@ def test_a_lock_that_another_process_keeps_ends_a_start_with_a_line(
     first.leave()
 
 
-def test_the_group_of_the_run_folder_comes_back_with_it(tmp_path: Path) -> None:
+def test_group_returns_with_its_run_folder(tmp_path: Path) -> None:
     run_dir = tmp_path / "run"
     run_dir.mkdir(mode=0o750)
     node = NodeIncarnation(run_dir, tmp_path / "shm")

@@ -40,7 +40,7 @@ def overwrite(path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", [remove, overwrite])
-async def test_a_damaged_board_is_replaced_with_its_newest_value(
+async def test_damaged_board_is_replaced_with_its_newest_value(
     tmp_path: Path, caplog: pytest.LogCaptureFixture, damage: Callable[[Path], None]
 ) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
@@ -62,7 +62,7 @@ def swap(path: Path) -> None:
 
 
 @pytest.mark.parametrize("damage", [remove, cut, overwrite, swap])
-async def test_a_file_is_looked_up_by_its_path_only_after_a_change_of_its_folder(
+async def test_file_is_resolved_only_after_folder_changes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damage: Callable[[Path], None]
 ) -> None:
     tended: list[tuple[bool, bool]] = []
@@ -98,7 +98,7 @@ async def test_a_reader_goes_on_over_the_replacement(tmp_path: Path) -> None:
         assert await waiting == Float(2.0)
 
 
-async def test_an_entry_of_our_doorbell_that_was_removed_is_made_again_and_nothing_is_missed(
+async def test_removed_doorbell_entry_is_remade_without_loss(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
@@ -116,7 +116,7 @@ async def test_an_entry_of_our_doorbell_that_was_removed_is_made_again_and_nothi
 
 
 @pytest.mark.parametrize("error", [OSError(28, "No space left on device"), OutOfRange("too many files")])
-async def test_what_cannot_be_replaced_is_logged_once_not_each_second(
+async def test_irreplaceable_entry_is_logged_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture, error: Exception
 ) -> None:
     looked = 0
@@ -136,7 +136,7 @@ async def test_what_cannot_be_replaced_is_logged_once_not_each_second(
         assert all("cannot be replaced" in text and str(error) in text for text in errors)
 
 
-async def test_an_entry_that_cannot_be_made_again_is_logged_once(
+async def test_unrecreatable_entry_is_logged_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     tried = 0

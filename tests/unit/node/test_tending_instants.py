@@ -34,7 +34,7 @@ def virtual_clock(monkeypatch: pytest.MonkeyPatch) -> Any:
     return loops
 
 
-def test_files_in_shared_memory_are_checked_once_a_second_between_two_heartbeats(
+def test_shared_files_are_checked_between_two_heartbeats(
     tmp_path: Path, virtual_clock: list[VirtualLoop], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     checked: list[int] = []
@@ -55,7 +55,7 @@ def test_files_in_shared_memory_are_checked_once_a_second_between_two_heartbeats
     assert all((at_ns - TEND_PHASE_NS) % TEND_NS < 2 * MS for at_ns in checked)
 
 
-def test_the_watchdog_is_reset_at_multiples_of_half_its_time(
+def test_watchdog_is_reset_at_half_time_multiples(
     tmp_path: Path, virtual_clock: list[VirtualLoop], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(runner, "freeze_later", lambda _: None)  # of this process, which runs on

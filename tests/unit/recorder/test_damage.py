@@ -76,7 +76,7 @@ AWKWARD = [
 
 
 @pytest.mark.parametrize("end", [True, False], ids=["ended", "left by a crash"])
-def test_one_damaged_byte_anywhere_costs_the_record_it_met_and_no_other(tmp_path: Path, end: bool) -> None:
+def test_damaged_byte_costs_only_its_record(tmp_path: Path, end: bool) -> None:
     path = write(tmp_path, end=end)
     sound = path.read_bytes()
     whole = {key(entry) for entry in read(path)[1]}
@@ -96,9 +96,7 @@ def test_one_damaged_byte_anywhere_costs_the_record_it_met_and_no_other(tmp_path
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_whatever_is_done_to_a_segment_what_stands_before_and_behind_is_read_and_the_logger_starts(
-    tmp_path: Path, seed: int
-) -> None:
+def test_records_around_any_damage_are_read(tmp_path: Path, seed: int) -> None:
     chance = random.Random(seed)
     (tmp_path / "sound").mkdir()
     sound = write(tmp_path / "sound", end=seed % 2 == 0).read_bytes()
@@ -122,7 +120,7 @@ def test_whatever_is_done_to_a_segment_what_stands_before_and_behind_is_read_and
             left.unlink()
 
 
-def test_a_damaged_segment_is_counted_by_the_query_and_never_cut(tmp_path: Path) -> None:
+def test_damaged_segment_is_counted_and_never_truncated(tmp_path: Path) -> None:
     path = write(tmp_path)
     data = bytearray(path.read_bytes())
     middle = data.index(registry.encode(Pose(30.0, 0.5)))
@@ -153,7 +151,7 @@ def test_a_zeroed_end_is_reported_with_its_size(tmp_path: Path, end: bool, kept:
     assert len(data) - kept - 200 <= int(lost[1]) <= len(data) - kept + 200
 
 
-def test_a_sound_segment_has_an_end_also_while_it_grows_and_a_cut_one_has_not(tmp_path: Path) -> None:
+def test_sound_segment_has_end_and_truncated_has_none(tmp_path: Path) -> None:
     for end in (True, False):
         directory = tmp_path / str(end)
         path = write(directory, end=end)
@@ -165,7 +163,7 @@ def test_a_sound_segment_has_an_end_also_while_it_grows_and_a_cut_one_has_not(tm
         assert "its end is missing" in loss
 
 
-def test_a_damaged_channel_is_read_from_its_second_copy(tmp_path: Path) -> None:
+def test_damaged_channel_is_read_from_its_second_copy(tmp_path: Path) -> None:
     path = write(tmp_path, end=False)
     data = bytearray(path.read_bytes())
     data[data.index(b"nav/pose") + 2] ^= 1
@@ -176,7 +174,7 @@ def test_a_damaged_channel_is_read_from_its_second_copy(tmp_path: Path) -> None:
     assert reader.damaged >= 1
 
 
-def test_damage_in_what_a_crash_left_is_a_hole_with_its_queue_and_sequences(tmp_path: Path) -> None:
+def test_damage_after_crash_is_hole_with_queue(tmp_path: Path) -> None:
     path = write(tmp_path, end=False)
     data = bytearray(path.read_bytes())
     data[data.index(registry.encode(Pose(30.0, 0.5))) - 30] ^= 0x40
@@ -187,7 +185,7 @@ def test_damage_in_what_a_crash_left_is_a_hole_with_its_queue_and_sequences(tmp_
     assert ring.counters[POSE.queue] == COUNT
 
 
-def test_a_segment_in_which_nothing_can_be_read_is_set_aside_and_named(tmp_path: Path) -> None:
+def test_unreadable_segment_is_set_aside_and_named(tmp_path: Path) -> None:
     path = write(tmp_path)
     path.write_bytes(bytes(20_000))
     ring = LogRing(tmp_path)
@@ -199,7 +197,7 @@ def test_a_segment_in_which_nothing_can_be_read_is_set_aside_and_named(tmp_path:
     assert "00000001.damaged" in source.losses()[0]
 
 
-def test_sequences_go_on_when_the_newest_segment_is_beyond_reading(tmp_path: Path) -> None:
+def test_sequences_continue_despite_unreadable_newest_segment(tmp_path: Path) -> None:
     write(tmp_path)
     ring = LogRing(tmp_path)
     ring.append(POSE, 1, UTC, b"\x90")
@@ -217,7 +215,7 @@ def read_by_this_process() -> int:
 
 
 @pytest.mark.parametrize("end", [True, False], ids=["ended", "killed"])
-def test_a_full_ring_starts_with_reading_one_segment_at_most(tmp_path: Path, end: bool) -> None:
+def test_full_ring_starts_after_reading_one_segment(tmp_path: Path, end: bool) -> None:
     segment = 1 << 20
     ring = LogRing(tmp_path, segment_bytes=segment, min_free_bytes=0)
     payload = bytes(4000)
@@ -258,9 +256,7 @@ class FullDisk:
         raise OSError(errno.ENOSPC, "No space left on device")
 
 
-def test_a_full_disk_costs_nothing_when_there_is_room_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_full_disk_loses_nothing_once_space_returns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ring = LogRing(tmp_path, segment_bytes=3000, min_free_bytes=0)
     disk = FullDisk(monkeypatch)
     written = 0
@@ -280,9 +276,7 @@ def test_a_full_disk_costs_nothing_when_there_is_room_again(
     assert source.losses() == []
 
 
-def test_what_finds_no_room_in_memory_either_is_a_gap_of_that_size(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_overflow_of_memory_is_gap_with_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("swarmware.recorder.segment.BUFFER_LIMIT", 5000)
     book = Recorder(tmp_path, "uav1", Config(min_free_bytes=0))
     track = LoggedResource("a/b", Kind.EVENT, "Text", "me", every_value=True, period_ns=0)

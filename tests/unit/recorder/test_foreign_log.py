@@ -82,7 +82,7 @@ def test_own_segments_are_own_whole_growing_or_damaged(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["1.mcap", "rosbag2_2026_0.mcap"])
-def test_a_folder_of_another_program_is_refused_by_name(tmp_path: Path, name: str) -> None:
+def test_folder_of_another_program_is_refused_by_name(tmp_path: Path, name: str) -> None:
     foreign(tmp_path / name, chunks=CompressionType.ZSTD)
     with pytest.raises(InvalidInput, match=f"{name}: an MCAP file with compressed chunks") as found:
         FolderSource([tmp_path]).entries(Query())
@@ -98,7 +98,7 @@ def test_a_folder_of_another_program_is_refused_by_name(tmp_path: Path, name: st
         ("metadata.yaml", b"rosbag2_bagfile_information:\n", "rosbag2"),
     ],
 )
-def test_a_log_of_another_program_is_refused_as_folder_file_and_stream(
+def test_foreign_log_is_refused_as_folder_and_stream(
     tmp_path: Path, name: str, content: bytes, what: str
 ) -> None:
     path = tmp_path / name
@@ -118,7 +118,7 @@ def test_a_segment_as_a_stream_is_named(tmp_path: Path) -> None:
         list(SpoolSource(file, "log").entries(Query()))
 
 
-def test_a_file_of_another_program_between_own_segments_is_a_loss_and_no_damage(tmp_path: Path) -> None:
+def test_foreign_file_between_segments_is_loss_not_damage(tmp_path: Path) -> None:
     own(tmp_path)
     foreign(tmp_path / "99999999.mcap")
     for query in (Query(), Query(newest=True, limit=20)):
@@ -137,7 +137,7 @@ def test_a_folder_without_a_log_says_so(tmp_path: Path) -> None:
     assert "nothing is recorded" in source.why_empty()
 
 
-def test_a_stream_of_any_length_is_read_behind_its_begin() -> None:
+def test_stream_of_any_length_is_read() -> None:
     values = [{"number": number, "text": "x" * 90} for number in range(500)]
     packed = b"".join(msgpack.packb(value) for value in values)
     found = list(SpoolSource(io.BytesIO(packed), "a").entries(Query()))

@@ -47,7 +47,7 @@ def append(ring: LogRing, number: int) -> None:
 
 
 @pytest.mark.parametrize("call", CALLS)
-def test_every_entry_is_there_once_when_there_is_room_again(
+def test_every_entry_exists_once_after_space_returns(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
 ) -> None:
     ring = LogRing(tmp_path, segment_bytes=1500, min_free_bytes=0, sync="batch")
@@ -72,7 +72,7 @@ def test_every_entry_is_there_once_when_there_is_room_again(
 
 
 @pytest.mark.parametrize("call", ["open", "rename", "write"])
-def test_a_start_without_room_is_tried_again_and_forgets_no_damage(
+def test_start_without_space_is_retried_remembering_damage(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
 ) -> None:
     ring = LogRing(tmp_path)

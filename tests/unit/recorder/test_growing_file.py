@@ -83,7 +83,7 @@ def ours(path: Path) -> list[int]:
     return [entry.sequence for entry in SegmentReader(path).entries()]
 
 
-def test_a_segment_is_complete_from_its_creation_and_after_each_batch(tmp_path: Path) -> None:
+def test_segment_is_complete_after_creation_and_batches(tmp_path: Path) -> None:
     path = tmp_path / "00000001.mcap"
     writer = SegmentWriter(path, {}, reserved_bytes=20_000)
     assert stock(path) == []
@@ -108,7 +108,7 @@ def test_a_segment_is_complete_from_its_creation_and_after_each_batch(tmp_path: 
 
 
 @pytest.mark.parametrize("reserved_bytes", [30_000, 0], ids=["room left", "file has to grow"])
-def test_a_crash_at_any_byte_of_a_batch_leaves_a_file_with_all_of_it_or_none(
+def test_crash_within_batch_keeps_all_or_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reserved_bytes: int
 ) -> None:
     outcomes = set()
@@ -145,9 +145,7 @@ def test_a_crash_at_any_byte_of_a_batch_leaves_a_file_with_all_of_it_or_none(
     assert outcomes == {True, False}
 
 
-def test_a_crash_at_any_byte_of_the_end_leaves_every_entry(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_crash_within_end_keeps_every_entry(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for limit in range(0, 1500, 17):
         path = tmp_path / "00000001.mcap"
         writer = SegmentWriter(path, {}, reserved_bytes=30_000)
@@ -172,7 +170,7 @@ def test_a_crash_at_any_byte_of_the_end_leaves_every_entry(
             one.unlink()
 
 
-def test_a_crash_at_the_creation_of_a_segment_leaves_no_file_that_readers_see(
+def test_crash_during_creation_leaves_no_visible_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for limit in (0, 60, 100, 150):
@@ -210,7 +208,7 @@ while sys.stdin.readline():
 """
 
 
-def test_a_reader_beside_the_writer_and_after_kill_9_finds_what_was_flushed(tmp_path: Path) -> None:
+def test_reader_finds_flushed_entries_after_kill_9(tmp_path: Path) -> None:
     chance = random.Random(3)
     for turn in range(3):
         directory = tmp_path / str(turn)
@@ -235,7 +233,7 @@ def test_a_reader_beside_the_writer_and_after_kill_9_finds_what_was_flushed(tmp_
         assert [entry.sequence for entry in entries] == found
 
 
-def test_a_reader_that_follows_sees_whole_batches_also_when_the_room_was_too_small(tmp_path: Path) -> None:
+def test_following_reader_sees_whole_batches(tmp_path: Path) -> None:
     path = tmp_path / "00000001.mcap"
     writer = SegmentWriter(path, {}, reserved_bytes=0)
     reader = SegmentReader(path)
@@ -250,7 +248,7 @@ def test_a_reader_that_follows_sees_whole_batches_also_when_the_room_was_too_sma
     assert list(reader.entries()) == [] and reader.ended
 
 
-def test_stamps_are_utc_for_other_readers_and_the_clock_of_the_platform_for_ours(tmp_path: Path) -> None:
+def test_stamps_are_utc_elsewhere_and_platform_clock_here(tmp_path: Path) -> None:
     ring = LogRing(tmp_path, segment_bytes=3000)
     clock = UTC - 5_000_000_000
     for number in range(1, 101):
@@ -273,7 +271,7 @@ def test_stamps_are_utc_for_other_readers_and_the_clock_of_the_platform_for_ours
         assert abs(sent_ns - expected) <= 1_000_000
 
 
-def test_a_schema_names_the_fields_of_the_array_that_the_message_is(tmp_path: Path) -> None:
+def test_schema_names_fields_of_array_that_message_is(tmp_path: Path) -> None:
     import jsonschema
     import msgpack
 

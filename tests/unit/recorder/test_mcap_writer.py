@@ -23,7 +23,7 @@ MESSAGES = st.tuples(st.integers(0, 4), st.integers(0, 2**32 - 1), INSTANT, INST
     channels=st.lists(st.tuples(TEXT, MAPS), max_size=3),
     messages=st.lists(MESSAGES, max_size=8),
 )
-def test_a_file_is_byte_for_byte_that_of_the_reference_writer(
+def test_file_equals_reference_writer_byte_for_byte(
     metadata: Sequence[tuple[str, dict[str, str]]],
     schemas: Sequence[tuple[str, bytes]],
     channels: Sequence[tuple[str, dict[str, str]]],
@@ -50,7 +50,7 @@ def test_a_file_is_byte_for_byte_that_of_the_reference_writer(
     assert ours.getvalue() == theirs.getvalue()
 
 
-def test_tools_of_others_find_messages_and_schemas_by_the_summary() -> None:
+def test_foreign_tools_find_messages_by_summary() -> None:
     out = io.BytesIO()
     writer = McapWriter(out, "swarmware 1.2")
     channel = writer.register_channel(writer.register_schema("Text", b"{}"), "/uav1/note", {"kind": "board"})

@@ -23,7 +23,7 @@ def fill(directory: Path, platform: str, first: int) -> None:
     ring.close()
 
 
-def test_the_newest_entries_of_all_folders_are_found_without_reading_old_segments(
+def test_newest_entries_are_found_without_old_segments(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     read: list[Path] = []

@@ -72,7 +72,7 @@ def record(directory: Path) -> Path:
     return directory
 
 
-def test_entries_have_the_names_of_the_fields_and_come_back_through_a_spool(tmp_path: Path) -> None:
+def test_entries_keep_field_names_through_spool(tmp_path: Path) -> None:
     entries = list(FolderSource([record(tmp_path)]).entries(Query()))
     assert [entry.plain() for entry in entries] == [plain for _, plain in VALUES]
     file = io.BytesIO()
@@ -81,7 +81,7 @@ def test_entries_have_the_names_of_the_fields_and_come_back_through_a_spool(tmp_
     assert list(SpoolSource(file, "x").entries(Query())) == entries
 
 
-def test_a_segment_has_a_schema_with_the_fields_of_the_type(tmp_path: Path) -> None:
+def test_segment_has_schema_with_fields_of_type(tmp_path: Path) -> None:
     with segments(record(tmp_path))[0].open("rb") as file:
         found = {
             s.name: (json.loads(s.data), msgspec.msgpack.decode(m.data))
@@ -117,7 +117,7 @@ def test_exports_have_the_names_of_the_fields(tmp_path: Path) -> None:
     jsonschema.Draft202012Validator(document).validate(content)
 
 
-def test_a_value_of_another_version_is_read_with_the_description_of_its_log() -> None:
+def test_another_versions_value_is_read_by_description() -> None:
     @registry.register
     class Wake(msgspec.Struct, frozen=True, array_like=True):
         width_m: float
@@ -133,7 +133,7 @@ def test_a_value_of_another_version_is_read_with_the_description_of_its_log() ->
 
 
 @given(st.one_of(st.text(), st.binary().map(lambda data: data.decode("latin-1"))))
-def test_any_text_as_description_leaves_the_value_without_names(text: str) -> None:
+def test_any_text_as_description_leaves_value_without_names(text: str) -> None:
     entry = LogEntry("q", 1, "uav1", "a/b", "board", "Nobody", 0, UTC, b"\x92\x01\x02", "", 0, text)
     assert entry.plain() == [1, 2]
     assert schema("Nobody", text) == b""

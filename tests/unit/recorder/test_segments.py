@@ -31,7 +31,7 @@ def read(directory: Path) -> list[LogEntry]:
     return [entry for path in segments(directory) for entry in SegmentReader(path).entries()]
 
 
-def test_entries_come_back_as_they_were_also_with_stamps_before_the_epoch(tmp_path: Path) -> None:
+def test_entries_return_unchanged_with_stamps_before_epoch(tmp_path: Path) -> None:
     ring = LogRing(tmp_path)
     fill(ring, 3)
     ring.append(NOTE, 7, 2_000_000, registry.encode(Text("armed")))
@@ -47,7 +47,7 @@ def test_entries_come_back_as_they_were_also_with_stamps_before_the_epoch(tmp_pa
     assert entries[3].plain() == {"value": "armed"}
 
 
-def test_another_reader_of_mcap_finds_topics_schemas_and_messages(tmp_path: Path) -> None:
+def test_foreign_mcap_reader_finds_topics_and_messages(tmp_path: Path) -> None:
     ring = LogRing(tmp_path)
     fill(ring, 10)
     ring.close()
@@ -62,7 +62,7 @@ def test_another_reader_of_mcap_finds_topics_schemas_and_messages(tmp_path: Path
         assert registry.decode(Pose, message.data) == Pose(0, 0)
 
 
-def test_what_was_flushed_is_read_while_the_segment_grows(tmp_path: Path) -> None:
+def test_flushed_entries_are_readable_in_growing_segment(tmp_path: Path) -> None:
     ring = LogRing(tmp_path)
     reader = SegmentReader(segments(tmp_path)[0])
     fill(ring, 5)
@@ -75,7 +75,7 @@ def test_what_was_flushed_is_read_while_the_segment_grows(tmp_path: Path) -> Non
     ring.close()
 
 
-def test_reading_resumes_behind_an_offset_and_still_knows_the_channels(tmp_path: Path) -> None:
+def test_reading_resumes_behind_offset_and_still_knows_channels(tmp_path: Path) -> None:
     ring = LogRing(tmp_path)
     fill(ring, 10)
     ring.close()
@@ -100,7 +100,7 @@ def cut_file(tmp_path: Path, name: str) -> tuple[Path, int]:
 @settings(
     max_examples=examples(40, 150), suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None
 )
-def test_a_cut_at_any_byte_loses_only_what_stood_behind_it(tmp_path: Path, data: st.DataObject) -> None:
+def test_truncation_loses_only_what_follows_it(tmp_path: Path, data: st.DataObject) -> None:
     path, size = cut_file(tmp_path, "00000001.mcap")
     try:
         whole = {entry.sequence for entry in SegmentReader(path).entries()}
@@ -126,7 +126,7 @@ def test_a_cut_at_any_byte_loses_only_what_stood_behind_it(tmp_path: Path, data:
 
 @given(st.binary(max_size=300))
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_garbage_in_the_place_of_a_segment_yields_no_entries(tmp_path: Path, data: bytes) -> None:
+def test_garbage_in_place_of_segment_yields_no_entries(tmp_path: Path, data: bytes) -> None:
     path = tmp_path / "00000001.mcap"
     for content in (data, b"\x89MCAP0\r\n" + data):
         path.write_bytes(content)
@@ -134,7 +134,7 @@ def test_garbage_in_the_place_of_a_segment_yields_no_entries(tmp_path: Path, dat
         LogRing(tmp_path).close()
 
 
-def test_a_ring_left_by_a_crash_goes_on_with_the_next_sequence(tmp_path: Path) -> None:
+def test_ring_after_crash_continues_with_next_sequence(tmp_path: Path) -> None:
     ring = LogRing(tmp_path)
     fill(ring, 5)
     ring.flush()
@@ -154,7 +154,7 @@ def test_a_ring_left_by_a_crash_goes_on_with_the_next_sequence(tmp_path: Path) -
     assert [entry.sequence for entry in read(tmp_path)] == [1, 2, 3, 4, 5]
 
 
-def test_the_ring_keeps_its_bounds_and_its_counters_when_old_segments_go(tmp_path: Path) -> None:
+def test_ring_keeps_bounds_and_counters_without_old_segments(tmp_path: Path) -> None:
     ring = LogRing(tmp_path, segment_bytes=20_000, ring_bytes=100_000, min_free_bytes=0)
     for number in range(100):
         fill(ring, 50, start=50 * number)
@@ -180,7 +180,7 @@ def on_disk(directory: Path) -> tuple[int, int]:
     return len(sizes), sum(sizes)
 
 
-def test_the_size_of_the_ring_is_that_of_its_files_whoever_changes_them(tmp_path: Path) -> None:
+def test_size_of_ring_follows_its_files(tmp_path: Path) -> None:
     ring = LogRing(tmp_path, segment_bytes=20_000, ring_bytes=100_000, min_free_bytes=0, sync="none")
     for number in range(30):
         fill(ring, 50, start=50 * number)
@@ -194,9 +194,7 @@ def test_the_size_of_the_ring_is_that_of_its_files_whoever_changes_them(tmp_path
     ring.close()
 
 
-def test_the_folder_is_listed_only_when_it_has_changed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_folder_is_listed_only_when_it_has_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     listed: list[Path] = []
     usual = ring_module._files
 
@@ -222,7 +220,7 @@ def test_the_folder_is_listed_only_when_it_has_changed(
     ring.close()
 
 
-def test_a_disk_without_the_wanted_space_gives_up_the_oldest_segments(tmp_path: Path) -> None:
+def test_disk_without_wanted_space_gives_up_oldest_segments(tmp_path: Path) -> None:
     ring = LogRing(tmp_path, segment_bytes=10_000, min_free_bytes=1 << 62)
     for number in range(20):
         fill(ring, 50, start=50 * number)
@@ -231,7 +229,7 @@ def test_a_disk_without_the_wanted_space_gives_up_the_oldest_segments(tmp_path: 
     ring.close()
 
 
-def test_a_type_nobody_knows_is_still_kept_and_shown(tmp_path: Path) -> None:
+def test_unknown_type_is_kept_and_shown(tmp_path: Path) -> None:
     ring = LogRing(tmp_path)
     channel = LogChannel("uav1", "x/y", "board", "Unheard", "uav1:x:out")
     ring.append(channel, 1, 1, registry.encode(BatteryState(12.0, 1.0, 0.5)))

@@ -32,7 +32,7 @@ def test_entries_come_back_as_they_were() -> None:
     assert list(spool(file.getvalue()).entries(Query(pattern="/ugv*/**"))) == []
 
 
-def test_values_of_another_system_are_shown_in_their_order() -> None:
+def test_values_of_another_system_keep_their_order() -> None:
     values = [{"t": 1, 2: b"x"}, [1, 2.5, None], "text", dict.fromkeys(LogEntry.__struct_fields__, "wrong")]
     found = list(spool(b"".join(msgpack.packb(v) for v in values)).entries(Query()))
     assert [entry.topic for entry in found] == ["/foreign/spool"] * 4
@@ -40,7 +40,7 @@ def test_values_of_another_system_are_shown_in_their_order() -> None:
     assert found[1].plain() == [1, 2.5, None]
 
 
-def test_a_stream_that_is_cut_gives_what_was_whole() -> None:
+def test_stream_that_is_cut_gives_what_was_whole() -> None:
     file = io.BytesIO()
     write(ENTRIES, file)
     assert list(spool(file.getvalue()[:-3]).entries(Query())) == ENTRIES[:-1]

@@ -17,7 +17,7 @@ SERVICES = ("broker", "tree")
         ({}, "one"),
     ],
 )
-def test_the_processes_of_a_node_are_those_of_its_services(pids: dict[str, int], expected: str) -> None:
+def test_processes_of_node_are_those_of_its_services(pids: dict[str, int], expected: str) -> None:
     applications = tuple(Application(name, 1, pid, 0) for name, pid in pids.items())
     table = ApplicationTable("uav1", "main", 1, 1, 1, "register#1", 0, applications)
     assert processes(table, SERVICES) == expected

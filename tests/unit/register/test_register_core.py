@@ -27,14 +27,14 @@ def names(core: RegisterCore, now_ns: int = 0) -> list[str]:
     return [unit.table.platform for unit in core.units(table("uav1"), {}, now_ns)]
 
 
-def test_our_own_register_comes_first_then_the_others_in_natural_order() -> None:
+def test_own_register_precedes_others_in_natural_order() -> None:
     core = RegisterCore("uav1", "main", Config())
     for platform in ("uav10", "uav2", "gcs"):
         core.on_table(PublishedTable(table(platform), 0), 0)
     assert names(core) == ["uav1", "gcs", "uav2", "uav10"]
 
 
-def test_a_table_of_an_older_master_or_an_older_start_is_void() -> None:
+def test_table_of_older_master_or_start_is_void() -> None:
     core = RegisterCore("uav1", "main", Config())
     core.on_table(PublishedTable(table("uav2", boot=2, epoch=5, version=3, apps=4), 0), 0)
     for older in (
@@ -48,14 +48,14 @@ def test_a_table_of_an_older_master_or_an_older_start_is_void() -> None:
     assert core.units(table("uav1"), {}, 0)[1].table.applications == ()
 
 
-def test_the_first_table_of_a_master_may_grow_without_another_number() -> None:
+def test_first_table_may_grow_without_new_number() -> None:
     core = RegisterCore("uav1", "main", Config())
     core.on_table(PublishedTable(table("uav2", apps=0), 0), 0)
     core.on_table(PublishedTable(table("uav2", apps=3), SECOND), SECOND)
     assert len(core.units(table("uav1"), {}, SECOND)[1].table.applications) == 3
 
 
-def test_a_platform_that_was_removed_is_forgotten_at_once_and_known_again_when_it_is_back() -> None:
+def test_removed_platform_is_forgotten_and_known_at_return() -> None:
     core = RegisterCore("uav1", "main", Config())
     for platform in ("uav2", "uav3"):
         core.on_table(PublishedTable(table(platform), 0), 0)
@@ -114,7 +114,7 @@ class Register:
                 self.forgotten.append((platform, self.time.now_ns // SECOND))
 
 
-def test_a_platform_not_heard_of_for_long_is_forgotten_one_with_a_route_is_not() -> None:
+def test_long_silent_platform_is_forgotten_without_route() -> None:
     register = Register()
     register.take(table("uav2"), table("uav3"))
     register.reached = {("uav3", "main"): ReachedUnit(1), ("uav9", "main"): ReachedUnit(1)}
@@ -127,7 +127,7 @@ def test_a_platform_not_heard_of_for_long_is_forgotten_one_with_a_route_is_not()
     assert register.looks == 141, "every ten seconds, and nothing in between"
 
 
-def test_a_platform_that_was_forgotten_and_is_back_as_it_was_is_known_again() -> None:
+def test_forgotten_platform_is_known_again_unchanged() -> None:
     register = Register()
     register.take(table("uav2"))
     register.time.run_for(601)
@@ -137,7 +137,7 @@ def test_a_platform_that_was_forgotten_and_is_back_as_it_was_is_known_again() ->
     assert names(register.core) == ["uav1", "uav2"]
 
 
-def test_the_age_of_a_table_counts_from_when_it_was_made_however_often_its_platform_is_reached() -> None:
+def test_table_age_counts_from_creation() -> None:
     register = Register()
     register.take(table("uav2"))
     register.reached = {("uav2", "main"): ReachedUnit(1, PublishedTable(table("uav2"), 0))}
@@ -148,7 +148,7 @@ def test_the_age_of_a_table_counts_from_when_it_was_made_however_often_its_platf
     assert unit.age_s == 125
 
 
-def test_the_board_of_partners_is_written_when_something_changes_and_not_while_nothing_does() -> None:
+def test_board_of_partners_is_written_on_change_only() -> None:
     register = Register()
     register.reached = {("uav2", "main"): ReachedUnit(1), ("uav3", "main"): ReachedUnit(3)}
     register.take(*(table(name) for name in ("uav3", "uav2")))
@@ -167,7 +167,7 @@ def test_the_board_of_partners_is_written_when_something_changes_and_not_while_n
     assert len(register.boards) == written + 2
 
 
-def test_many_changes_in_a_short_time_are_few_writes() -> None:
+def test_many_changes_in_short_time_are_few_writes() -> None:
     register = Register()
     register.time.run_for(1)
     written = len(register.boards)
@@ -184,7 +184,7 @@ def since_ns(register: Register) -> int | None:
     return register.boards[-1].units[0].unreachable_since_ns
 
 
-def test_a_partner_that_is_out_of_reach_is_marked_with_the_time_since_when_and_then_removed() -> None:
+def test_unreachable_partner_is_marked_then_removed() -> None:
     register = Register()
     register.reached = {("uav2", "main"): ReachedUnit(1)}
     register.take(table("uav2"))
@@ -201,7 +201,7 @@ def test_a_partner_that_is_out_of_reach_is_marked_with_the_time_since_when_and_t
     assert register.boards[-1] == PartnerTable()
 
 
-def test_a_successor_continues_with_the_board_of_the_register_that_was_killed() -> None:
+def test_successor_continues_board_of_killed_register() -> None:
     former = Register()
     former.reached = {("uav2", "main"): ReachedUnit(1), ("uav3", "main"): ReachedUnit(2)}
     former.take(table("uav2", version=7), table("uav3"), table("uav4"))
@@ -216,7 +216,7 @@ def test_a_successor_continues_with_the_board_of_the_register_that_was_killed() 
     assert successor.boards[-1].units[0].table.version == 7
 
 
-def test_a_board_of_partners_never_has_a_unit_of_its_own_node() -> None:
+def test_board_of_partners_excludes_units_of_own_node() -> None:
     former = RegisterCore("uav2", "main", Config())
     former.on_table(PublishedTable(table("uav1"), 0), 0)
     register = Register(former.partners())

@@ -77,7 +77,7 @@ def test_a_window_follows_successes_and_failures(
         assert room(found) == room_after
 
 
-def test_lost_items_return_the_oldest_first_within_the_window() -> None:
+def test_lost_items_return_oldest_first_within_window() -> None:
     found = flight(PATIENT, *SENT, ("fail", 2, 2), ("fail", 0, 2), ("fail", 1, 2))
     assert found.repeatable() == [], "the fourth is in flight and fills the window of one"
     found.fail(3, 2 * S)
@@ -89,7 +89,7 @@ def test_lost_items_return_the_oldest_first_within_the_window() -> None:
     assert found.repeatable() == [found.get(1)]
 
 
-def test_a_larger_item_than_the_window_is_sent_alone() -> None:
+def test_item_larger_than_window_is_sent_alone() -> None:
     found: Flight[int, Sent] = Flight(WINDOW)
     assert found.has_room(100)
     found.add(1, Sent(sent_ns=0, size=100))
@@ -98,7 +98,7 @@ def test_a_larger_item_than_the_window_is_sent_alone() -> None:
     assert found.repeatable() == [found.get(1)]
 
 
-def test_a_round_trip_is_measured_from_one_transmission_only() -> None:
+def test_round_trip_is_measured_from_single_transmissions() -> None:
     item = Sent(sent_ns=S)
     assert item.round_trip_ns(3 * S) == 2 * S
     item.resend(2 * S)
@@ -107,9 +107,7 @@ def test_a_round_trip_is_measured_from_one_transmission_only() -> None:
 
 @pytest.mark.parametrize("seed", range(20))
 @pytest.mark.parametrize("policy", [WINDOW, PATIENT, SPARING, replace(PATIENT, keeps_backoff=True)])
-def test_every_item_arrives_and_never_more_than_the_window_is_in_flight(
-    seed: int, policy: RetransmissionPolicy
-) -> None:
+def test_every_item_arrives_within_the_window(seed: int, policy: RetransmissionPolicy) -> None:
     """An owner that repeats by report, over a way that loses four of ten and answers in any order."""
     draw, found, waiting, now_ns = Random(seed), Flight[int, Sent](policy), list(range(100)), 0
     under_way: list[int] = []

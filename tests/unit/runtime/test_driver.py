@@ -70,7 +70,7 @@ def fail() -> None:
     raise RuntimeError("the action failed")
 
 
-def test_the_actions_of_an_event_are_carried_out_in_their_order_then_the_state_is_settled(
+def test_actions_run_in_order_before_state_settles(
     shell: Shell,
 ) -> None:
     shell.driver.feed(shell.core.on_event("one", "two", due_ns=None))
@@ -80,7 +80,7 @@ def test_the_actions_of_an_event_are_carried_out_in_their_order_then_the_state_i
     assert shell.core.woken_ns == []
 
 
-def test_the_core_is_woken_at_its_deadline_and_again_at_the_next(shell: Shell) -> None:
+def test_core_wakes_at_each_deadline(shell: Shell) -> None:
     shell.core.brings, shell.core.again_ns = ["due"], 20 * MS
     shell.driver.feed(shell.core.on_event(due_ns=5 * MS))
     shell.time.run_until(50 * MS)
@@ -88,13 +88,13 @@ def test_the_core_is_woken_at_its_deadline_and_again_at_the_next(shell: Shell) -
     assert shell.done == ["due"] * 3
 
 
-def test_a_deadline_within_a_millisecond_is_met_at_the_end_of_it_and_never_before(shell: Shell) -> None:
+def test_deadline_within_millisecond_is_met_never_early(shell: Shell) -> None:
     shell.driver.feed(shell.core.on_event(due_ns=5 * MS + 1))
     shell.time.run_for(1)
     assert shell.core.woken_ns == [6 * MS]
 
 
-def test_a_deadline_that_has_passed_wakes_the_core_in_the_next_turn_not_in_this_one(shell: Shell) -> None:
+def test_passed_deadline_wakes_core_in_next_turn(shell: Shell) -> None:
     shell.time.run_until(70 * MS)
     shell.driver.feed(shell.core.on_event(due_ns=-(1 << 63)))
     assert shell.core.woken_ns == []
@@ -109,7 +109,7 @@ def test_a_deadline_that_moves_earlier_is_kept(shell: Shell) -> None:
     assert shell.core.woken_ns == [10 * MS]
 
 
-def test_a_deadline_that_moves_later_wakes_the_core_only_then(shell: Shell) -> None:
+def test_deadline_that_moves_later_wakes_core_only_then(shell: Shell) -> None:
     shell.driver.feed(shell.core.on_event(due_ns=10 * MS))
     shell.driver.feed(shell.core.on_event(due_ns=50 * MS))
     shell.time.run_for(1)
@@ -123,7 +123,7 @@ def test_a_deadline_that_is_taken_back_wakes_nobody(shell: Shell) -> None:
     assert shell.core.woken_ns == []
 
 
-def test_an_alarm_that_goes_off_too_early_asks_for_the_rest() -> None:
+def test_early_alarm_asks_for_rest() -> None:
     class Early(VirtualTime):
         def call_later(self, delay: float, callback: Callable[[], None], /) -> Alarm:  # type: ignore[override]
             return super().call_later(max(delay - 0.001, 0.0005), callback)
@@ -136,7 +136,7 @@ def test_an_alarm_that_goes_off_too_early_asks_for_the_rest() -> None:
     assert 10 * MS <= core.woken_ns[0] <= 11 * MS
 
 
-def test_a_late_alarm_wakes_the_core_once_with_the_time_that_it_is() -> None:
+def test_late_alarm_wakes_core_once_with_time() -> None:
     class Late(VirtualTime):
         def call_later(self, delay: float, callback: Callable[[], None], /) -> Alarm:  # type: ignore[override]
             return super().call_later(delay + 0.3, callback)
@@ -150,7 +150,7 @@ def test_a_late_alarm_wakes_the_core_once_with_the_time_that_it_is() -> None:
 
 @pytest.mark.parametrize("drift_ppm", [-80.0, 0.0, 3.7, 80.0])
 @pytest.mark.parametrize("offset_s", [-12.345_678_901, 0.0, 99.000_000_7])
-def test_on_the_clock_of_a_node_no_alarm_is_wasted(offset_s: float, drift_ppm: float) -> None:
+def test_node_clock_wastes_no_alarm(offset_s: float, drift_ppm: float) -> None:
     time, core = VirtualTime(start_ns=123_456_789), Script()
     clock = VirtualClock(time, offset_s, drift_ppm)
     driver = time.drive(core, lambda action: None, clock=clock)
@@ -163,7 +163,7 @@ def test_on_the_clock_of_a_node_no_alarm_is_wasted(offset_s: float, drift_ppm: f
     assert len(core.woken_ns) == 4
 
 
-def test_an_action_that_causes_an_event_has_its_actions_done_after_those_that_were_there(
+def test_actions_of_caused_event_follow_existing_ones(
     shell: Shell,
 ) -> None:
     shell.does["one"] = lambda: shell.driver.feed(shell.core.on_event("caused", due_ns=9 * MS))
@@ -174,7 +174,7 @@ def test_an_action_that_causes_an_event_has_its_actions_done_after_those_that_we
     assert shell.core.woken_ns == [9 * MS]
 
 
-def test_deferred_actions_are_carried_out_in_a_turn_of_their_own_before_what_is_due(shell: Shell) -> None:
+def test_deferred_actions_precede_due_ones(shell: Shell) -> None:
     shell.core.brings = ["due"]
     shell.driver.defer(shell.core.on_event("one", due_ns=0))
     assert shell.done == []
@@ -186,7 +186,7 @@ def test_deferred_actions_are_carried_out_in_a_turn_of_their_own_before_what_is_
     assert shell.done[3:] == ["act", "next", "after"]
 
 
-def test_deferred_actions_are_carried_out_although_time_passes_at_every_look_at_the_clock() -> None:
+def test_deferred_actions_run_although_clock_advances() -> None:
     class Busy(VirtualClock):
         def now_ns(self) -> int:
             self._time.now_ns += 1
@@ -213,7 +213,7 @@ def test_settling_may_cause_an_event_too(shell: Shell) -> None:
     assert shell.settled_after == [1, 2]
 
 
-def test_an_action_that_fails_is_raised_and_those_after_it_are_done_in_the_next_turn(shell: Shell) -> None:
+def test_failed_action_is_raised_and_rest_continue(shell: Shell) -> None:
     shell.does["one"] = fail
     with pytest.raises(RuntimeError, match="the action failed"):
         shell.driver.feed(shell.core.on_event("one", "two", due_ns=30 * MS))
@@ -224,7 +224,7 @@ def test_an_action_that_fails_is_raised_and_those_after_it_are_done_in_the_next_
     assert shell.core.woken_ns == [30 * MS]
 
 
-def test_a_core_that_fails_at_its_deadline_is_asked_again_after_a_pause_not_for_ever(shell: Shell) -> None:
+def test_core_failing_at_deadline_is_retried_after_pause(shell: Shell) -> None:
     shell.core.fails, shell.core.brings = 2, ["due"]
     shell.driver.feed(shell.core.on_event(due_ns=10 * MS))
     for _ in range(2):
@@ -236,7 +236,7 @@ def test_a_core_that_fails_at_its_deadline_is_asked_again_after_a_pause_not_for_
     assert shell.done == ["due"]
 
 
-def test_behind_a_boundary_neither_a_failed_action_nor_a_failed_deadline_stops_the_others() -> None:
+def test_boundary_isolates_failed_actions_and_deadlines() -> None:
     refused: list[str] = []
 
     @contextmanager
@@ -273,16 +273,14 @@ def test_a_stopped_driver_wakes_nobody_and_does_nothing(shell: Shell) -> None:
     assert (shell.core.woken_ns, shell.done, shell.settled_after) == ([], [], [0])
 
 
-def test_an_action_that_stops_the_driver_is_the_last(shell: Shell) -> None:
+def test_action_that_stops_driver_is_last(shell: Shell) -> None:
     shell.does["one"] = shell.driver.stop
     shell.driver.feed(shell.core.on_event("one", "two", due_ns=10 * MS))
     shell.time.run_for(1)
     assert (shell.done, shell.core.woken_ns, shell.settled_after) == (["one"], [], [])
 
 
-def test_a_slow_step_at_a_deadline_is_reported_once_in_a_while(
-    shell: Shell, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_slow_step_at_deadline_is_reported_rarely(shell: Shell, caplog: pytest.LogCaptureFixture) -> None:
     def work() -> None:
         shell.time.now_ns += SLOW_NS + MS
 
@@ -296,7 +294,7 @@ def test_a_slow_step_at_a_deadline_is_reported_once_in_a_while(
     ]
 
 
-def test_a_service_ends_with_what_failed_at_a_deadline() -> None:
+def test_service_ends_with_what_failed_at_deadline() -> None:
     core = Script()
     core.fails, core.due_ns = 1, 0
 

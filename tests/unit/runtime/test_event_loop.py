@@ -14,7 +14,7 @@ IMPORT = (
 )
 
 
-def test_the_event_loop_is_imported_without_openssl_and_runs() -> None:
+def test_event_loop_is_imported_without_openssl_and_runs() -> None:
     code = (
         "import asyncio, uvloop\n"
         "async def main():\n"
@@ -43,7 +43,7 @@ def test_a_stream_with_tls_says_why_it_fails() -> None:
     assert "imported its event loop without TLS" in result(IMPORT + code)
 
 
-def test_a_process_that_has_imported_ssl_keeps_its_tls() -> None:
+def test_process_that_has_imported_ssl_keeps_its_tls() -> None:
     code = (
         "import ssl\n" + IMPORT + "import asyncio, uvloop\n"
         "async def main():\n"
@@ -55,7 +55,7 @@ def test_a_process_that_has_imported_ssl_keeps_its_tls() -> None:
     assert result(code) == "served"
 
 
-def test_asyncio_alone_is_imported_without_openssl_and_without_uvloop() -> None:
+def test_asyncio_is_imported_without_openssl_and_uvloop() -> None:
     code = (
         "import asyncio\nasyncio.run(asyncio.sleep(0))\nprint('_ssl' in sys.modules, 'uvloop' in sys.modules)"
     )

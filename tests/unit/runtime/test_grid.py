@@ -19,5 +19,5 @@ from swarmware.runtime.core import next_multiple_ns
         (131, 30, 230),
     ],
 )
-def test_the_next_instant_of_a_period_lies_after_now(now: int, phase: int, expected: int) -> None:
+def test_next_instant_of_period_lies_after_now(now: int, phase: int, expected: int) -> None:
     assert next_multiple_ns(now, 100, phase) == expected

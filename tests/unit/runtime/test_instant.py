@@ -10,9 +10,7 @@ from swarmware.runtime.instant import LATE_NS, until
 
 
 @pytest.mark.parametrize(("offset_s", "drift_ppm"), [(0.0, 0.0), (-417.3, 38.0), (12.0004999, -50.0)])
-def test_tasks_that_wait_for_one_instant_since_different_moments_are_woken_together_and_never_early(
-    offset_s: float, drift_ppm: float
-) -> None:
+def test_tasks_of_one_instant_wake_together(offset_s: float, drift_ppm: float) -> None:
     async def main(loop: VirtualLoop) -> None:
         clock = VirtualClock(loop, offset_s, drift_ppm)
         instant_ns = clock.now_ns() + 100_400_000
@@ -33,7 +31,7 @@ def test_tasks_that_wait_for_one_instant_since_different_moments_are_woken_toget
     assert len(run(main).virtual.wakes) == 1
 
 
-def test_tickers_of_different_periods_wake_the_process_only_at_multiples_of_them() -> None:
+def test_tickers_wake_only_at_multiples_of_periods() -> None:
     async def main(loop: VirtualLoop) -> None:
         clock = VirtualClock(loop, 3.25)
         counts: dict[float, int] = {}
@@ -61,9 +59,7 @@ def test_tickers_of_different_periods_wake_the_process_only_at_multiples_of_them
     assert len(run(main).virtual.wakes) <= 3 * 40 + begins + 8
 
 
-def test_at_an_instant_that_several_share_a_higher_stage_comes_after_a_lower_one_whatever_their_periods() -> (
-    None
-):
+def test_higher_stage_follows_lower_at_shared_instant() -> None:
     async def main(loop: VirtualLoop) -> None:
         clock = VirtualClock(loop)
         order: list[tuple[int, int]] = []
@@ -83,7 +79,7 @@ def test_at_an_instant_that_several_share_a_higher_stage_comes_after_a_lower_one
     run(main)
 
 
-def test_a_phase_moves_every_tick_by_the_same_time() -> None:
+def test_phase_moves_every_tick_by_same_time() -> None:
     async def main(loop: VirtualLoop) -> None:
         clock = VirtualClock(loop, 0.033)
         ticker = Ticker(clock, 0.05, stage=2, phase_ns=4 * MS_NS)
@@ -95,7 +91,7 @@ def test_a_phase_moves_every_tick_by_the_same_time() -> None:
 
 
 @pytest.mark.parametrize(("late_ns", "turns"), [(0, 3), (LATE_NS // 2, 3), (2 * LATE_NS, 0)])
-def test_a_late_task_does_not_wait_for_the_stages_before_it(late_ns: int, turns: int) -> None:
+def test_late_task_does_not_wait_for_stages(late_ns: int, turns: int) -> None:
     async def main(loop: VirtualLoop) -> None:
         clock = VirtualClock(loop, 0.0, 0.0)
         start_ns = clock.now_ns()

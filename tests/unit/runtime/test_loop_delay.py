@@ -19,15 +19,13 @@ S = 1_000_000_000
         (10 * S, 12 * S, 2 * S),
     ],
 )
-def test_only_a_deadline_that_has_passed_by_more_than_a_moment_is_a_delay(
-    due_ns: int | None, now_ns: int, late_ns: int
-) -> None:
+def test_only_long_passed_deadline_is_delay(due_ns: int | None, now_ns: int, late_ns: int) -> None:
     delay = LoopDelay()
     assert delay.on_turn(due_ns, now_ns) == late_ns
     assert delay.recent_ns(now_ns) == late_ns
 
 
-def test_several_calls_of_one_late_turn_count_its_delay_once() -> None:
+def test_calls_of_one_late_turn_count_once() -> None:
     delay = LoopDelay()
     assert delay.on_turn(S, 3 * S) == 2 * S
     assert delay.on_turn(S, 3 * S + 1000) == 0
@@ -44,7 +42,7 @@ def test_the_longest_delay_is_remembered_for_some_seconds() -> None:
     assert delay.recent_ns(3 * S + 2 * MEMORY_NS) == 0
 
 
-def test_a_delay_is_forgotten_although_nobody_looked_for_long() -> None:
+def test_delay_is_forgotten_without_being_read() -> None:
     delay = LoopDelay()
     delay.on_turn(S, 3 * S)
     assert delay.recent_ns(3 * S + 3 * MEMORY_NS) == 0

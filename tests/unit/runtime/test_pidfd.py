@@ -11,7 +11,7 @@ import pytest
 from swarmware.runtime.pidfd import ProcessHandle, start_ticks
 
 
-def test_the_end_of_a_process_is_readable_and_a_signal_after_it_is_lost() -> None:
+def test_process_end_is_readable_and_signal_lost() -> None:
     child = subprocess.Popen([sys.executable, "-S", "-c", "import time; time.sleep(60)"])
     with closing(ProcessHandle(child.pid)) as handle:
         assert handle.pid == child.pid
@@ -25,14 +25,14 @@ def test_the_end_of_a_process_is_readable_and_a_signal_after_it_is_lost() -> Non
     handle.close()
 
 
-def test_a_process_that_does_not_run_has_no_handle() -> None:
+def test_process_that_does_not_run_has_no_handle() -> None:
     child = subprocess.Popen([sys.executable, "-S", "-c", ""])
     child.wait()
     with pytest.raises(ProcessLookupError):
         ProcessHandle(child.pid)
 
 
-def test_a_later_process_with_the_same_pid_has_no_handle() -> None:
+def test_later_process_with_same_pid_has_no_handle() -> None:
     child = subprocess.Popen([sys.executable, "-S", "-c", "import time; time.sleep(60)"])
     try:
         started = start_ticks(child.pid)

@@ -28,7 +28,7 @@ def children() -> Iterator[list[subprocess.Popen[bytes]]]:
         child.wait()
 
 
-async def test_the_end_of_a_watched_process_is_reported_once_and_of_another_not(
+async def test_end_of_watched_process_is_reported_once(
     children: list[subprocess.Popen[bytes]],
 ) -> None:
     ended: asyncio.Queue[int] = asyncio.Queue()
@@ -46,7 +46,7 @@ async def test_the_end_of_a_watched_process_is_reported_once_and_of_another_not(
     watcher.close()
 
 
-async def test_a_process_that_has_ended_already_is_reported_at_once(
+async def test_already_ended_process_is_reported_at_once(
     children: list[subprocess.Popen[bytes]],
 ) -> None:
     ended: asyncio.Queue[int] = asyncio.Queue()
@@ -59,7 +59,7 @@ async def test_a_process_that_has_ended_already_is_reported_at_once(
     watcher.close()
 
 
-async def test_an_end_is_reported_once_however_often_the_process_is_still_wanted(
+async def test_end_is_reported_once_despite_repeated_watch(
     children: list[subprocess.Popen[bytes]],
 ) -> None:
     ended: list[int] = []
@@ -84,7 +84,7 @@ async def test_an_end_is_reported_once_however_often_the_process_is_still_wanted
     watcher.close()
 
 
-async def test_a_process_that_had_ended_is_not_reported_after_closing(
+async def test_ended_process_is_not_reported_after_closing(
     children: list[subprocess.Popen[bytes]],
 ) -> None:
     ended: list[int] = []
@@ -110,7 +110,7 @@ async def test_nothing_is_reported_after_closing(children: list[subprocess.Popen
     assert ended == []
 
 
-async def test_a_signal_reaches_the_process_and_its_end_is_reported_before_the_watch_closes(
+async def test_signal_and_end_precede_close_of_watch(
     children: list[subprocess.Popen[bytes]],
 ) -> None:
     ended = asyncio.Event()
@@ -125,7 +125,7 @@ async def test_a_signal_reaches_the_process_and_its_end_is_reported_before_the_w
     assert descriptors() == before
 
 
-async def test_who_waits_for_the_end_of_a_process_returns_with_it_or_is_refused(
+async def test_waiter_for_process_returns_or_is_refused(
     children: list[subprocess.Popen[bytes]],
 ) -> None:
     before = descriptors()

@@ -32,7 +32,7 @@ async def test_bytes_pass_in_both_directions_unchanged(tmp_path: Path) -> None:
     line.close()
 
 
-async def test_a_line_without_a_reader_drops_and_counts_and_works_afterwards(tmp_path: Path) -> None:
+async def test_line_without_reader_drops_and_works_later(tmp_path: Path) -> None:
     line = PseudoTerminal(tmp_path / "imu", lambda data: None)
     for _ in range(3000):
         line.write(bytes(42))
@@ -44,7 +44,7 @@ async def test_a_line_without_a_reader_drops_and_counts_and_works_afterwards(tmp
     line.close()
 
 
-async def test_the_file_is_there_while_the_line_is_and_takes_the_place_of_an_old_one(tmp_path: Path) -> None:
+async def test_file_exists_with_line_and_replaces_old(tmp_path: Path) -> None:
     link = tmp_path / "rc"
     link.symlink_to("/dev/pts/999999")
     before = descriptors()

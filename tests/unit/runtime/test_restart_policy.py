@@ -11,13 +11,13 @@ def lives() -> RestartPolicy:
     return RestartPolicy(pauses_s=(0.0, 0.5, 2.0), settled_s=10.0, limit=4)
 
 
-def test_one_that_never_gets_ready_is_started_with_growing_pauses_and_then_given_up() -> None:
+def test_service_never_ready_pauses_longer_then_abandoned() -> None:
     made = lives()
     assert [made.on_end(second * SECOND, killed=False) for second in range(5)] == [0.0, 0.5, 2.0, 2.0, None]
     assert made.restarts == 4
 
 
-def test_one_that_lasted_is_started_again_at_once_however_often() -> None:
+def test_lasting_service_always_restarts_at_once() -> None:
     made = lives()
     for life in range(100):
         made.on_ready(life * 100 * SECOND)
@@ -25,7 +25,7 @@ def test_one_that_lasted_is_started_again_at_once_however_often() -> None:
     assert made.restarts == 100
 
 
-def test_a_kill_from_outside_says_nothing_about_a_process_that_was_ready() -> None:
+def test_outside_kill_does_not_judge_ready_process() -> None:
     made = lives()
     for life in range(50):
         made.on_ready(life * SECOND)
@@ -33,7 +33,7 @@ def test_a_kill_from_outside_says_nothing_about_a_process_that_was_ready() -> No
 
 
 @pytest.mark.parametrize("ready", [False, True])
-def test_a_short_life_counts_as_a_failure_unless_it_was_ready_and_killed(ready: bool) -> None:
+def test_short_life_is_failure_unless_killed_ready(ready: bool) -> None:
     made = lives()
     pauses = []
     for second in range(3):
@@ -43,7 +43,7 @@ def test_a_short_life_counts_as_a_failure_unless_it_was_ready_and_killed(ready: 
     assert pauses == [0.0, 0.5, 2.0]
 
 
-def test_without_a_limit_it_is_never_given_up_and_an_operator_starts_the_count_again() -> None:
+def test_unlimited_policy_never_abandons_and_operator_resets() -> None:
     made = RestartPolicy(pauses_s=(0.0, 1.0), limit=0)
     assert [made.on_end(0) for _ in range(40)] == [0.0, *[1.0] * 39]
     made.reset()
@@ -51,7 +51,7 @@ def test_without_a_limit_it_is_never_given_up_and_an_operator_starts_the_count_a
     assert (made.consecutive, made.restarts) == (1, 41)
 
 
-def test_by_default_one_that_crashes_every_three_seconds_is_started_again_at_once_without_end() -> None:
+def test_default_policy_restarts_crashes_every_three_seconds() -> None:
     made = RestartPolicy()
     for life in range(1000):
         made.on_ready(3 * life * SECOND)

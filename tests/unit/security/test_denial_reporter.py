@@ -11,7 +11,7 @@ from swarmware.types.net import Denial
 REFUSED = Denial("uav2", "node", "call", "cmd/goto", 1, "no")
 
 
-async def test_denials_after_a_report_are_reported_when_nothing_more_comes() -> None:
+async def test_denials_after_report_are_reported_later() -> None:
     found: asyncio.Queue[Denial] = asyncio.Queue()
     reporter = DenialReporter(found.put_nowait)
     now_ns = 5 * REPORT_NS

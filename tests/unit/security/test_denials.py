@@ -8,7 +8,7 @@ def denial(platform: str = "uav2", path: str = "cmd/goto", caller: str = "") -> 
     return Denial(platform, "node", "call", path, 1, "no", caller)
 
 
-def test_the_same_denial_is_reported_once_a_second_with_its_number() -> None:
+def test_same_denial_is_reported_each_second_counted() -> None:
     one = DenialReports()
     found = [one.report(denial(), step * REPORT_NS // 1000) for step in range(2001)]
     assert [report.count for report in found if report is not None] == [1, 1000, 1000]
@@ -22,7 +22,7 @@ def test_users_of_one_platform_are_reported_apart() -> None:
         assert report.caller == caller
 
 
-def test_a_thousand_invented_names_make_few_reports_and_little_memory() -> None:
+def test_thousand_invented_names_make_few_reports() -> None:
     one = DenialReports()
     found = [one.report(denial(f"10.0.{number}"), number) for number in range(1000)]
     assert sum(report is not None for report in found) == NEW_BURST
@@ -32,7 +32,7 @@ def test_a_thousand_invented_names_make_few_reports_and_little_memory() -> None:
     assert late.count == 2, "the one that was not reported counts"
 
 
-def test_what_was_counted_after_a_report_is_due_a_second_later_with_the_newest_reason() -> None:
+def test_denials_after_report_are_due_with_reason() -> None:
     one = DenialReports()
     assert one.deadline_ns() is None
     assert one.report(denial(), 0) is not None
@@ -46,7 +46,7 @@ def test_what_was_counted_after_a_report_is_due_a_second_later_with_the_newest_r
     assert one.deadline_ns() is None
 
 
-def test_of_a_thousand_invented_names_some_are_reported_in_each_period() -> None:
+def test_some_invented_names_are_reported_each_period() -> None:
     one = DenialReports()
     for number in range(1000):
         one.report(denial(f"10.0.{number}"), number)

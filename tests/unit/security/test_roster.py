@@ -28,7 +28,7 @@ def swarm(tmp_path: Path) -> Swarm:
     return Swarm(tmp_path / "swarm")
 
 
-def test_a_member_takes_a_new_roster_while_its_keys_are_in_use(swarm: Swarm) -> None:
+def test_member_takes_new_roster_during_key_use(swarm: Swarm) -> None:
     text = swarm.admit("uav3", b"\3" * 32, "operator")
     change = swarm.keys["uav1"].apply(text)
     assert change is not None
@@ -40,7 +40,7 @@ def test_a_member_takes_a_new_roster_while_its_keys_are_in_use(swarm: Swarm) -> 
     assert swarm.keys["uav1"].by_user(fresh.user) == fresh
 
 
-def test_a_key_that_comes_with_another_name_renames_its_member_and_another_key_does_not(swarm: Swarm) -> None:
+def test_same_key_with_new_name_renames_member(swarm: Swarm) -> None:
     keys = swarm.keys["uav1"]
     change = keys.apply(swarm.admit("uav3", b"\3" * 32))
     assert change is not None and change.renamed == {}
@@ -52,13 +52,13 @@ def test_a_key_that_comes_with_another_name_renames_its_member_and_another_key_d
         swarm.root.revoke("uav9")
 
 
-def test_the_newcomer_has_the_same_group_key_as_the_members(swarm: Swarm, tmp_path: Path) -> None:
+def test_newcomer_has_same_group_key_as_members(swarm: Swarm, tmp_path: Path) -> None:
     text = swarm.admit("uav3", b"\3" * 32)
     write_keys(tmp_path / "uav3", b"\3" * 32, swarm.root.public, text)
     assert Keys.load(tmp_path / "uav3", "uav3").group == swarm.keys["uav1"].group
 
 
-def test_a_rotation_gives_every_member_the_same_new_key(swarm: Swarm) -> None:
+def test_rotation_gives_every_member_same_new_key(swarm: Swarm) -> None:
     text = swarm.root.rotate()
     before = swarm.keys["uav1"].group
     for keys in swarm.keys.values():
@@ -72,7 +72,7 @@ def test_a_rotation_gives_every_member_the_same_new_key(swarm: Swarm) -> None:
     assert swarm.keys["uav1"].former == (before,)
 
 
-def test_a_revoked_member_learns_it_and_cannot_open_the_next_group_key(swarm: Swarm) -> None:
+def test_revoked_member_learns_it_without_next_key(swarm: Swarm) -> None:
     text = swarm.root.revoke("uav2")
     revoked, left = swarm.keys["uav2"], swarm.keys["uav1"]
     gone = left.by_curve(revoked.curve_public)
@@ -92,7 +92,7 @@ def test_a_revoked_member_learns_it_and_cannot_open_the_next_group_key(swarm: Sw
     assert entry.group_box == b""
 
 
-def test_a_platform_that_joins_again_gets_a_new_serial_and_the_former_key_is_out(swarm: Swarm) -> None:
+def test_rejoining_platform_gets_new_serial_and_key(swarm: Swarm) -> None:
     before = swarm.root.roster.find("uav2")
     assert before is not None
     text = swarm.admit("uav2", b"\7" * 32)
@@ -120,7 +120,7 @@ def test_no_serial_is_used_twice(swarm: Swarm) -> None:
     assert fresh.serial not in serials
 
 
-def test_the_roster_keeps_the_last_keys_that_were_replaced_and_no_more(swarm: Swarm) -> None:
+def test_roster_keeps_only_last_replaced_keys(swarm: Swarm) -> None:
     for seed in range(10, 16):
         text = swarm.admit("uav2", bytes([seed]) * 32)
     members = swarm.root.roster.members
@@ -226,7 +226,7 @@ def test_what_was_applied_is_there_after_a_restart(swarm: Swarm) -> None:
     assert stat.S_IMODE((swarm.directory / "uav1" / "group.keys").stat().st_mode) == 0o600
 
 
-def test_a_kill_between_the_files_of_a_rotation_leaves_keys_that_load(swarm: Swarm) -> None:
+def test_kill_during_rotation_leaves_loadable_keys(swarm: Swarm) -> None:
     keys, folder = swarm.keys["uav1"], swarm.directory / "uav1"
     former = (folder / "roster.json").read_bytes()
     keys.apply(swarm.root.rotate())
@@ -238,7 +238,7 @@ def test_a_kill_between_the_files_of_a_rotation_leaves_keys_that_load(swarm: Swa
     assert again.group == keys.group
 
 
-def test_a_node_keeps_the_group_keys_that_datagrams_can_tell_apart(swarm: Swarm) -> None:
+def test_node_keeps_distinguishable_group_keys(swarm: Swarm) -> None:
     keys = swarm.keys["uav1"]
     for _ in range(20):
         keys.apply(swarm.root.rotate())
@@ -256,7 +256,7 @@ def test_a_node_that_missed_rotations_takes_the_newest(swarm: Swarm) -> None:
     assert [group.epoch for group in keys.former] == [0]
 
 
-def test_a_group_key_that_is_sealed_to_another_node_is_named(tmp_path: Path) -> None:
+def test_group_key_for_another_node_is_named(tmp_path: Path) -> None:
     make_swarm(tmp_path, ["uav1", "uav2"])
     key = SigningKey((tmp_path / "root.key").read_bytes())
     roster = read_roster(tmp_path / "uav1" / "roster.json", key.public)
@@ -271,7 +271,7 @@ def test_a_group_key_that_is_sealed_to_another_node_is_named(tmp_path: Path) -> 
         Keys.load(tmp_path / "uav1", "uav1")
 
 
-def test_a_revoked_node_is_told_apart_from_a_stranger_when_it_starts(swarm: Swarm) -> None:
+def test_revoked_node_differs_from_unknown_at_start(swarm: Swarm) -> None:
     (swarm.directory / "uav1" / "roster.json").write_bytes(swarm.root.revoke("uav1"))
     with pytest.raises(Denied, match="uav1 was revoked"):
         swarm.reload("uav1")
@@ -292,7 +292,7 @@ def test_a_root_continues_where_it_was(swarm: Swarm) -> None:
     assert swarm.keys["uav1"].roster == again.roster
 
 
-def test_a_root_that_was_killed_between_its_files_rotates_with_the_next_change(swarm: Swarm) -> None:
+def test_root_killed_during_rotation_rotates_with_next(swarm: Swarm) -> None:
     former = (swarm.directory / "roster.json").read_bytes()
     swarm.root.rotate()
     (swarm.directory / "roster.json").write_bytes(former)
@@ -305,7 +305,7 @@ def test_a_root_that_was_killed_between_its_files_rotates_with_the_next_change(s
     assert len(groups) == 1
 
 
-def test_a_candidate_that_has_not_proven_its_key_is_denied(swarm: Swarm) -> None:
+def test_candidate_without_proof_of_key_is_denied(swarm: Swarm) -> None:
     good = candidate("uav3", "node", b"\3" * 32, swarm.root.public)
     key = SigningKey(b"\4" * 32)
     for bad in (
@@ -319,7 +319,7 @@ def test_a_candidate_that_has_not_proven_its_key_is_denied(swarm: Swarm) -> None
 
 
 @pytest.mark.parametrize(("name", "role"), [("../uav3", "node"), ("uav3", "king")])
-def test_a_candidate_with_a_wrong_name_or_role_is_refused(swarm: Swarm, name: str, role: str) -> None:
+def test_candidate_of_invalid_name_or_role_is_refused(swarm: Swarm, name: str, role: str) -> None:
     with pytest.raises(InvalidInput):
         swarm.admit(name, b"\3" * 32, role)
     assert swarm.root.roster.version == 1
@@ -337,7 +337,7 @@ def test_a_fingerprint_names_one_root(swarm: Swarm) -> None:
     assert fingerprint(swarm.root.public) != fingerprint(bytes(32))
 
 
-def test_the_platform_of_a_revoked_key_is_known_and_of_no_other_key(
+def test_only_revoked_key_is_known_as_such(
     swarm: Swarm,
 ) -> None:
     left, key = swarm.keys["uav1"], swarm.keys["uav2"].curve_public
@@ -347,7 +347,7 @@ def test_the_platform_of_a_revoked_key_is_known_and_of_no_other_key(
     assert left.revoked(left.curve_public) == left.revoked(bytes(32)) == ""
 
 
-def test_a_roster_without_signed_beacons_is_refused_with_the_command_that_makes_new_keys(
+def test_roster_without_signed_beacons_names_key_command(
     swarm: Swarm,
 ) -> None:
     text = former(swarm.root.signed, SigningKey((swarm.directory / "root.key").read_bytes()))

@@ -76,7 +76,7 @@ def test_a_datagram_is_taken_once() -> None:
     assert opened(opener, 1) is Refusal.REPLAYED
 
 
-def test_a_datagram_that_is_not_taken_uses_no_number_whatever_it_is() -> None:
+def test_refused_datagram_uses_no_number() -> None:
     opener = Opener(GROUP)
     for sequence in (5, 900_000, 5):
         assert isinstance(opener.open(3, HW, 1, sequence, CLEAR, sealed(sequence)), Opened)
@@ -86,7 +86,7 @@ def test_a_datagram_that_is_not_taken_uses_no_number_whatever_it_is() -> None:
     assert opened(opener, 6) == b"body", "another session, another sender"
 
 
-def test_overtaken_datagrams_are_taken_within_the_window_and_once() -> None:
+def test_overtaken_datagrams_are_taken_within_window_and_once() -> None:
     opener = Opener(GROUP)
     opened(opener, 1000)
     for behind in (1, 5, REPLAY_WINDOW - 1):
@@ -95,7 +95,7 @@ def test_overtaken_datagrams_are_taken_within_the_window_and_once() -> None:
     assert opened(opener, 1000 - REPLAY_WINDOW) is Refusal.REPLAYED
 
 
-def test_a_jump_ahead_forgets_what_is_behind_the_window() -> None:
+def test_jump_ahead_forgets_what_is_behind_window() -> None:
     opener = Opener(GROUP)
     opened(opener, 1)
     assert opened(opener, 1 + REPLAY_WINDOW) == b"body"
@@ -104,7 +104,7 @@ def test_a_jump_ahead_forgets_what_is_behind_the_window() -> None:
 
 
 @given(st.lists(st.integers(0, 200), max_size=60))
-def test_no_order_of_arrival_lets_a_datagram_in_twice(order: list[int]) -> None:
+def test_no_order_of_arrival_lets_datagram_in_twice(order: list[int]) -> None:
     opener = Opener(GROUP)
     taken: set[int] = set()
     for sequence in order:
@@ -116,17 +116,17 @@ def test_no_order_of_arrival_lets_a_datagram_in_twice(order: list[int]) -> None:
             assert result is Refusal.REPLAYED
 
 
-def test_a_session_that_was_not_heard_yet_is_unknown() -> None:
+def test_session_before_first_beacon_is_unknown() -> None:
     assert opened(Opener(GROUP), 1, session=None) is Refusal.UNKNOWN
 
 
-def test_after_one_datagram_with_the_session_others_may_leave_it_out() -> None:
+def test_datagrams_after_first_may_omit_session() -> None:
     opener = Opener(GROUP)
     opened(opener, 1)
     assert opened(opener, 2, session=None) == b"body"
 
 
-def test_sessions_of_one_sender_stand_side_by_side_each_with_its_own_numbers() -> None:
+def test_sessions_of_one_sender_have_own_numbers() -> None:
     opener = Opener(GROUP)
     opened(opener, 1000)
     assert opened(opener, 1, session=2, sealed_in=2) == b"body"
@@ -140,7 +140,7 @@ def test_sessions_of_one_sender_stand_side_by_side_each_with_its_own_numbers() -
     assert last.session == 2
 
 
-def test_no_number_of_other_sessions_displaces_the_adopted_one() -> None:
+def test_no_number_of_other_sessions_displaces_adopted_one() -> None:
     opener = Opener(GROUP)
     opened(opener, 1000)
     opener.adopt(HW, 1)
@@ -152,7 +152,7 @@ def test_no_number_of_other_sessions_displaces_the_adopted_one() -> None:
     assert opened(opener, 2, session=None, sealed_in=29) == b"body"
 
 
-def test_a_forged_new_session_does_not_end_the_old_one() -> None:
+def test_forged_new_session_does_not_end_old_one() -> None:
     opener = Opener(GROUP)
     opened(opener, 1)
     assert opener.open(3, HW, 9, 2, CLEAR, b"x" * 40) is Refusal.FORGED
@@ -193,7 +193,7 @@ def test_roles_are_given_by_a_mapping(tmp_path: Path) -> None:
     assert gcs.role == "operator"
 
 
-def test_the_curve_key_is_the_one_that_zeromq_makes_of_the_secret(tmp_path: Path) -> None:
+def test_curve_key_equals_zeromqs(tmp_path: Path) -> None:
     make_swarm(tmp_path, ["uav1"])
     keys = Keys.load(tmp_path / "uav1", "uav1")
     secret_z85 = z85.encode(keys.curve_secret)
@@ -214,7 +214,7 @@ def test_secrets_are_for_their_owner_alone(tmp_path: Path) -> None:
         assert stat.S_IMODE((tmp_path / name).stat().st_mode) == 0o600
 
 
-def test_a_seed_that_others_can_read_is_not_used(tmp_path: Path) -> None:
+def test_seed_that_others_can_read_is_not_used(tmp_path: Path) -> None:
     make_swarm(tmp_path, ["uav1"])
     (tmp_path / "uav1" / "node.key").chmod(0o644)
     with pytest.raises(Denied, match="expected mode 0600"):
@@ -227,13 +227,13 @@ def test_the_key_of_another_node_is_not_used(tmp_path: Path) -> None:
         Keys.load(tmp_path / "uav1", "uav2")
 
 
-def test_a_platform_that_is_not_on_the_roster_is_denied(tmp_path: Path) -> None:
+def test_platform_that_is_not_on_roster_is_denied(tmp_path: Path) -> None:
     make_swarm(tmp_path, ["uav1"])
     with pytest.raises(Denied, match="uav9 is not on the roster"):
         Keys.load(tmp_path / "uav1", "uav9")
 
 
-def test_a_roster_that_the_root_did_not_sign_is_denied(tmp_path: Path) -> None:
+def test_roster_that_root_did_not_sign_is_denied(tmp_path: Path) -> None:
     roster = make_swarm(tmp_path, ["uav1"])
     file = tmp_path / "uav1" / "roster.json"
     file.write_bytes(sign_roster(roster, SigningKey(OTHER_SEED)))
@@ -270,7 +270,7 @@ def test_names_that_are_none_are_refused(tmp_path: Path) -> None:
         make_swarm(tmp_path, ["../uav1"])
 
 
-def test_open_keys_share_a_group_and_have_an_identity_of_their_own() -> None:
+def test_open_keys_share_group_with_own_identity() -> None:
     one, other = Keys.open("uav1"), Keys.open("uav2")
     assert one.is_open
     assert one.group == other.group

@@ -17,9 +17,7 @@ DATA = st.binary(max_size=200)
 
 
 @given(key=KEYS, nonce=NONCES, body=DATA, clear=DATA)
-def test_a_seal_is_that_of_openssl_and_each_opens_the_other(
-    key: bytes, nonce: bytes, body: bytes, clear: bytes
-) -> None:
+def test_seal_equals_openssls_and_opens_mutually(key: bytes, nonce: bytes, body: bytes, clear: bytes) -> None:
     box = SealKey(key).seal(nonce, body, clear)
     assert box == ChaCha20Poly1305(key).encrypt(nonce, body, clear)
     assert SealKey(key).open(nonce, box, clear) == body
@@ -38,7 +36,7 @@ def test_a_flipped_bit_of_a_box_is_detected(place: int) -> None:
 
 
 @given(seed=KEYS, data=DATA)
-def test_a_signature_and_a_public_key_are_those_of_openssl(seed: bytes, data: bytes) -> None:
+def test_signature_and_public_key_are_those_of_openssl(seed: bytes, data: bytes) -> None:
     reference = Ed25519PrivateKey.from_private_bytes(seed)
     key = SigningKey(seed)
     assert key.public == reference.public_key().public_bytes_raw()
@@ -49,7 +47,7 @@ def test_a_signature_and_a_public_key_are_those_of_openssl(seed: bytes, data: by
 
 
 @given(one=KEYS, other=KEYS)
-def test_both_ends_make_the_shared_secret_that_openssl_makes(one: bytes, other: bytes) -> None:
+def test_both_ends_make_shared_secret_that_openssl_makes(one: bytes, other: bytes) -> None:
     reference = X25519PrivateKey.from_private_bytes(one)
     assert curve_public(one) == reference.public_key().public_bytes_raw()
     shared = curve_shared(one, curve_public(other))
@@ -57,7 +55,7 @@ def test_both_ends_make_the_shared_secret_that_openssl_makes(one: bytes, other: 
     assert shared == reference.exchange(X25519PublicKey.from_public_bytes(curve_public(other)))
 
 
-def test_a_public_key_of_low_order_makes_no_shared_secret() -> None:
+def test_public_key_of_low_order_gives_no_secret() -> None:
     for point in (bytes(32), b"\1" + bytes(31)):
         with pytest.raises(ValueError, match="low order"):
             curve_shared(bytes(range(32)), point)
@@ -69,7 +67,7 @@ def test_the_digest_is_that_of_openssl(data: bytes) -> None:
 
 
 @pytest.mark.parametrize("size", [0, 11, 13, 31, 33, 64])
-def test_a_key_or_nonce_of_another_size_is_refused_before_it_is_read(size: int) -> None:
+def test_key_or_nonce_of_another_size_is_refused(size: int) -> None:
     given, key = bytes(size), bytes(32)
     with pytest.raises(ValueError, match=f"a key of {size} bytes; expected 32"):
         SealKey(given)

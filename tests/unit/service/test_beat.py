@@ -36,7 +36,7 @@ async def beats(loop: VirtualLoop, clock: VirtualClock, services: list[Service],
         await task
 
 
-def test_all_services_of_a_process_beat_in_one_wake_each_second_whenever_it_was_started() -> None:
+def test_services_of_process_beat_in_one_wake() -> None:
     services: list[Service] = []
 
     async def main(loop: VirtualLoop) -> None:
@@ -51,7 +51,7 @@ def test_all_services_of_a_process_beat_in_one_wake_each_second_whenever_it_was_
         assert service.loads == services[0].loads, "measured once for all"
 
 
-def test_a_service_whose_beat_cannot_be_written_costs_no_other_its_beat(
+def test_unwritable_beat_costs_no_other_its_beat(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     services: list[Service] = []
@@ -68,7 +68,7 @@ def test_a_service_whose_beat_cannot_be_written_costs_no_other_its_beat(
     ]
 
 
-def test_a_late_event_loop_is_said_once_not_by_every_service(caplog: pytest.LogCaptureFixture) -> None:
+def test_late_event_loop_is_reported_once(caplog: pytest.LogCaptureFixture) -> None:
     async def main(loop: VirtualLoop) -> None:
         clock = VirtualClock(loop)
         await beats(loop, clock, [Service(clock, late_s=0.2) for _ in range(11)], 5.5)

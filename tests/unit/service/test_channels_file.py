@@ -56,7 +56,7 @@ def test_all_settings_are_read(tmp_path: Path) -> None:
         ('link = "Not a name"\nmax_hz = 1', "Not a name"),
     ],
 )
-def test_each_error_names_the_file_and_the_line_of_its_entry(tmp_path: Path, line: str, reason: str) -> None:
+def test_each_error_names_file_and_line(tmp_path: Path, line: str, reason: str) -> None:
     text = f'[[channel]]\npattern = "a"\nmax_hz = 1\n\n[[channel]]\npattern = "nav/*"\n{line}\n'
     with pytest.raises(ConfigError, match=reason) as found:
         load_channels(written(tmp_path, text))
@@ -65,7 +65,7 @@ def test_each_error_names_the_file_and_the_line_of_its_entry(tmp_path: Path, lin
 
 
 @pytest.mark.parametrize(("line", "rate"), [("", "auto"), ("max_hz = 30", "auto:30hz")])
-def test_a_rate_may_follow_the_link_with_a_limit_or_without(tmp_path: Path, line: str, rate: str) -> None:
+def test_rate_may_follow_link_with_limit_or_without(tmp_path: Path, line: str, rate: str) -> None:
     text = f'[[channel]]\npattern = "map/*"\nadaptive = true\n{line}\n'
     [rule] = load_channels(written(tmp_path, text))
     assert rule.settings.rate == rate

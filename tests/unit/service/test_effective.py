@@ -45,7 +45,7 @@ def in_force(folder: Path, service: str) -> dict[str, Any]:
     return {key: value for key, value in found.items() if value is not None}
 
 
-def test_every_key_of_every_service_and_of_the_node_is_in_the_list_with_its_description(
+def test_every_key_is_listed_with_description(
     tmp_path: Path,
 ) -> None:
     services = [
@@ -69,7 +69,7 @@ def test_every_key_of_every_service_and_of_the_node_is_in_the_list_with_its_desc
     assert not any(key.meaning for key in keys(tmp_path / "uav1/etc").values())
 
 
-def test_a_value_is_of_its_file_and_line_or_the_default(tmp_path: Path) -> None:
+def test_value_has_file_and_line_or_default(tmp_path: Path) -> None:
     folder = make_node(tmp_path, services={"broker": {"tick_hz": 20.0, "udp_port": 7447}})
     found = keys(folder, running={"broker": in_force(folder, "broker")})
     tick, port, seeds = (found[f"broker/{key}"] for key in ("tick_hz", "udp_port", "seeds"))
@@ -82,7 +82,7 @@ def test_a_value_is_of_its_file_and_line_or_the_default(tmp_path: Path) -> None:
     assert found["node/platform"].line > 0
 
 
-def test_a_file_that_was_changed_after_the_start_is_pending(tmp_path: Path) -> None:
+def test_file_that_was_changed_after_start_is_pending(tmp_path: Path) -> None:
     folder = make_node(tmp_path, services={"broker": {"tick_hz": 20.0}})
     running = {"broker": in_force(folder, "broker"), NODE: msgspec.to_builtins(load_node(folder))}
     (folder / "services/broker.toml").write_text("udp_port = 7448\n")
@@ -93,7 +93,7 @@ def test_a_file_that_was_changed_after_the_start_is_pending(tmp_path: Path) -> N
     assert (plain(port.value), port.origin, plain(port.file_value)) == (7447, "default", 7448)
 
 
-def test_an_invalid_file_is_a_problem_and_what_runs_is_still_in_force(tmp_path: Path) -> None:
+def test_invalid_file_is_problem_and_settings_stay(tmp_path: Path) -> None:
     folder = make_node(tmp_path, services={"broker": {"tick_hz": 20.0}, "tree": {}})
     running = {"broker": in_force(folder, "broker")}
     node = load_node(folder)
@@ -111,7 +111,7 @@ def test_an_invalid_file_is_a_problem_and_what_runs_is_still_in_force(tmp_path: 
     assert effective_config(folder, running, {}, "tree/*", node=node).problems == ()
 
 
-def test_a_live_setting_and_its_key_of_the_file_are_one(tmp_path: Path) -> None:
+def test_live_setting_and_its_file_key_unite(tmp_path: Path) -> None:
     folder = make_node(tmp_path, services={"navigator": {"altitude": {"kp_1_s": 1.5}}})
     running = {"navigator": in_force(folder, "navigator")}
     untouched = keys(folder, running=running, live={KP.path: LiveValue(KP, 1.5, None)})
@@ -130,7 +130,7 @@ def test_a_live_setting_and_its_key_of_the_file_are_one(tmp_path: Path) -> None:
     assert not keys(folder)["navigator/altitude_kp"].live, "a platform whose template does not have it"
 
 
-def test_a_live_setting_of_a_module_has_no_file(tmp_path: Path) -> None:
+def test_live_setting_of_module_has_no_file(tmp_path: Path) -> None:
     folder = make_node(tmp_path, services={"broker": {}})
     mode = keys(folder, live={LIMIT.path: LiveValue(LIMIT, "full", None)}, meanings=True)["motor/mode"]
     assert (plain(mode.value), plain(mode.default), mode.type) == ("full", "eco", "string")
@@ -148,9 +148,7 @@ def test_a_live_setting_of_a_module_has_no_file(tmp_path: Path) -> None:
         ("nosuch/*", []),
     ],
 )
-def test_keys_are_found_by_pattern_and_by_their_place_in_the_file(
-    tmp_path: Path, pattern: str, names: list[str]
-) -> None:
+def test_keys_are_found_by_pattern_and_place(tmp_path: Path, pattern: str, names: list[str]) -> None:
     folder = make_node(tmp_path, services={"navigator": {}})
     assert [key.name for key in effective_config(folder, {}, {}, pattern).keys] == names
 
@@ -172,14 +170,14 @@ def test_a_password_does_not_leave_the_node(tmp_path: Path) -> None:
     assert not found.keys[0].pending
 
 
-def test_a_service_that_is_not_installed_is_a_problem(tmp_path: Path) -> None:
+def test_service_that_is_not_installed_is_problem(tmp_path: Path) -> None:
     folder = make_node(tmp_path, services={"nosuch": {}, "tree": {}})
     found = effective_config(folder, {}, {})
     assert "'nosuch': not installed" in found.problems[0]
     assert {key.service for key in found.keys} == {"node", "tree"}
 
 
-def test_the_halves_of_a_service_have_its_keys_once_and_the_live_settings_of_either(tmp_path: Path) -> None:
+def test_halves_of_service_share_keys_and_settings(tmp_path: Path) -> None:
     both = keys(
         make_node(tmp_path, services={"estimator": {}, "guidance": {}, "navigator": {"rate_hz": 25.0}})
     )

@@ -16,7 +16,7 @@ from swarmware.service.fork_client import exit_status_of
     ("code", "expected"),
     [("raise SystemExit(6)", ExitStatus(code=6)), ("import os; os.abort()", ExitStatus(signal=6))],
 )
-def test_the_end_of_a_process_is_its_code_or_its_signal(code: str, expected: ExitStatus) -> None:
+def test_process_end_is_code_or_signal(code: str, expected: ExitStatus) -> None:
     process = subprocess.Popen([sys.executable, "-c", code])
     result = os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)
     process.wait()
@@ -26,7 +26,7 @@ def test_the_end_of_a_process_is_its_code_or_its_signal(code: str, expected: Exi
 
 
 @given(st.integers(0, 255), st.booleans())
-def test_the_text_of_an_exit_status_is_that_status_again(number: int, by_signal: bool) -> None:
+def test_text_of_exit_status_is_that_status_again(number: int, by_signal: bool) -> None:
     status = ExitStatus(signal=number) if by_signal else ExitStatus(code=number)
     assert str(status) == f"{'signal' if by_signal else 'exit'} {number}"
     assert ExitStatus.parse(str(status)) == status

@@ -16,7 +16,7 @@ import swarmd.main
         (["ls"], "systemd", False),
     ],
 )
-def test_a_process_of_systemd_that_fails_at_once_ends_two_seconds_later(
+def test_systemd_process_failing_at_once_ends_later(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, words: list[str], starter: str, waits: bool
 ) -> None:
     slept_s: list[float] = []

@@ -4,7 +4,7 @@ import subprocess
 import sys
 
 
-def test_the_imports_of_all_our_daemons_start_no_thread_and_open_nothing() -> None:
+def test_daemon_imports_start_no_thread_nor_file() -> None:
     look = (
         "import os\n"
         "from swarmd.fork_server import OURS, preload\n"
@@ -17,7 +17,7 @@ def test_the_imports_of_all_our_daemons_start_no_thread_and_open_nothing() -> No
     assert done.stdout.split() == ["1"]
 
 
-def test_a_service_of_somebody_else_is_not_imported_before_the_fork() -> None:
+def test_foreign_service_is_not_imported_before_fork() -> None:
     look = (
         "from swarmware.model.plugins import EntryPoint\n"
         "from swarmd import fork_server\n"

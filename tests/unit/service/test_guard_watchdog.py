@@ -120,7 +120,7 @@ async def test_a_guard_that_was_killed_is_started_again(
         assert f"guard: died; started again, pid {starts.pids[0]}" in caplog.text
 
 
-async def test_a_guard_whose_file_another_process_locks_for_a_moment_is_started_again(
+async def test_guard_with_briefly_locked_file_is_restarted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     async with tmp_node(tmp_path) as node, guard(node) as process, watching(node, monkeypatch) as starts:
@@ -134,7 +134,7 @@ async def test_a_guard_whose_file_another_process_locks_for_a_moment_is_started_
         assert starts.names == ["guard"]
 
 
-async def test_what_was_started_and_ended_before_it_joined_is_started_again(
+async def test_process_ended_before_joining_is_restarted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with tmp_node(tmp_path) as node:
@@ -148,7 +148,7 @@ async def test_what_was_started_and_ended_before_it_joined_is_started_again(
             assert "guard: ended: signal 9" in caplog.text
 
 
-async def test_a_start_that_fails_is_logged_and_tried_again(
+async def test_start_that_fails_is_logged_and_tried_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with tmp_node(tmp_path) as node, guard(node) as process, watching(node, monkeypatch) as starts:
@@ -163,7 +163,7 @@ async def test_a_start_that_fails_is_logged_and_tried_again(
     ("supervisor", "number"),
     [("self", signal.SIGTERM), ("systemd", signal.SIGKILL), ("systemd", signal.SIGTERM)],
 )
-async def test_a_guard_that_left_or_that_systemd_restarts_is_left_alone(
+async def test_departed_or_systemd_restarted_guard_is_left_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, supervisor: str, number: signal.Signals
 ) -> None:
     async with (

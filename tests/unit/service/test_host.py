@@ -99,7 +99,7 @@ def pauses(caplog: pytest.LogCaptureFixture) -> list[object]:
     return [r.args[1] for r in caplog.records if isinstance(r.args, tuple) and "starts again" in r.msg]
 
 
-async def test_a_service_that_fails_again_and_again_waits_longer_each_time_and_disturbs_nobody(
+async def test_failing_service_waits_longer_and_disturbs_none(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.DEBUG, "swarm.host")
@@ -118,7 +118,7 @@ async def test_a_service_that_fails_again_and_again_waits_longer_each_time_and_d
 
 
 @pytest.mark.parametrize(("cls", "raised"), [(Failing, Conflict), (Returning, ServiceEnded)])
-async def test_a_service_alone_ends_its_process_by_what_it_raised_or_that_it_returned(
+async def test_lone_service_ends_process_by_its_outcome(
     tmp_path: Path, cls: type[Service], raised: type[Exception]
 ) -> None:
     async with tmp_node(tmp_path) as node:
@@ -129,7 +129,7 @@ async def test_a_service_alone_ends_its_process_by_what_it_raised_or_that_it_ret
 
 
 @pytest.mark.parametrize("others", [(), (Other,)])
-async def test_a_restart_on_request_is_no_failure_and_its_boards_stay_readable(
+async def test_requested_restart_is_no_failure_and_keeps_boards(
     tmp_path: Path, others: tuple[type[Service], ...], caplog: pytest.LogCaptureFixture
 ) -> None:
     caplog.set_level(logging.DEBUG, "swarm.host")
@@ -168,7 +168,7 @@ class Tuned(Service):
         await asyncio.Event().wait()
 
 
-async def test_a_restarted_service_reads_its_file_again_and_keeps_its_overrides(
+async def test_restarted_service_rereads_file_and_keeps_overrides(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with tmp_node(tmp_path, services={"tuned": {"gain": 1.5}}) as node, Module("m", node=node) as m:
@@ -239,7 +239,7 @@ class Unbuilt(Other):
             raise Conflict("not yet")
 
 
-async def test_a_service_that_does_not_stop_or_fails_as_it_stops_keeps_no_other_from_it(
+async def test_service_failing_to_stop_holds_no_other(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with tmp_node(tmp_path) as node:
@@ -253,7 +253,7 @@ async def test_a_service_that_does_not_stop_or_fails_as_it_stops_keeps_no_other_
         await over(running)
 
 
-async def test_a_service_that_cannot_be_constructed_is_started_again_and_keeps_its_boards(
+async def test_unconstructible_service_is_restarted_and_keeps_boards(
     tmp_path: Path,
 ) -> None:
     async with tmp_node(tmp_path) as node, Module("probe", node=node) as probe:
@@ -265,7 +265,7 @@ async def test_a_service_that_cannot_be_constructed_is_started_again_and_keeps_i
         await over(running)
 
 
-async def test_services_are_asked_to_end_the_last_started_first_and_say_goodbye(tmp_path: Path) -> None:
+async def test_services_end_in_reverse_order_and_announce(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("probe", node=node) as probe:
         host, running = hosted(node, Steady, Other)
         await host.started()
@@ -279,7 +279,7 @@ async def test_services_are_asked_to_end_the_last_started_first_and_say_goodbye(
 
 
 @pytest.mark.parametrize("others", [(), (Other,)])
-async def test_a_service_that_is_halted_leaves_the_node_and_runs_again_when_it_is_released(
+async def test_halted_service_leaves_node_and_runs_on_release(
     tmp_path: Path, others: tuple[type[Service], ...]
 ) -> None:
     async with tmp_node(tmp_path) as node:
@@ -304,7 +304,7 @@ async def test_a_service_that_is_halted_leaves_the_node_and_runs_again_when_it_i
         await over(running)
 
 
-async def test_the_services_of_a_process_without_its_parent_go_on_and_one_of_them_has_a_fault(
+async def test_orphaned_services_continue_and_one_has_fault(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     async with tmp_node(tmp_path) as node, Module("t", node=node) as m:
@@ -338,9 +338,7 @@ class Hal(Steady):
 
 
 @pytest.mark.parametrize(("required", "level"), [(False, "warn"), (True, "error")])
-async def test_a_service_without_its_real_time_scheduling_runs_and_has_a_fault(
-    tmp_path: Path, required: bool, level: str
-) -> None:
+async def test_service_without_real_time_runs_with_fault(tmp_path: Path, required: bool, level: str) -> None:
     realtime = {"services": {"hal": 50}, "required": required}
     async with (
         tmp_node(tmp_path, services={"hal": {}}, realtime=realtime) as node,

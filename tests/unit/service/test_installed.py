@@ -48,7 +48,7 @@ def test_an_installed_service_is_found_by_its_name() -> None:
         ("other", ConfigError, "service 'other': .*:Probe is named 'probe'; expected one name"),
     ],
 )
-def test_what_is_no_service_of_this_name_is_refused(name: str, error: type[SwarmError], message: str) -> None:
+def test_foreign_object_is_not_service_of_name(name: str, error: type[SwarmError], message: str) -> None:
     with pytest.raises(error, match=message):
         find(name)
 

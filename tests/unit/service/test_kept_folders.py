@@ -19,7 +19,7 @@ def test_each_folder_is_locked_until_the_end(tmp_path: Path) -> None:
     kept.close()
 
 
-def test_a_folder_that_is_made_again_is_locked_again(tmp_path: Path) -> None:
+def test_folder_that_is_made_again_is_locked_again(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     folder.mkdir()
     kept = KeptFolders([str(folder)])
@@ -32,7 +32,7 @@ def test_a_folder_that_is_made_again_is_locked_again(tmp_path: Path) -> None:
     kept.close()
 
 
-def test_of_several_nodes_of_a_lab_another_one_keeps_its_folder_when_the_first_ends(tmp_path: Path) -> None:
+def test_other_lab_node_keeps_folder_after_first(tmp_path: Path) -> None:
     first, second = KeptFolders([str(tmp_path)]), KeptFolders([str(tmp_path)])
     second.relock()
     first.close()

@@ -47,7 +47,7 @@ def test_a_dotted_key_names_one_value() -> None:
         ("a = 1", FILE),
     ],
 )
-def test_a_service_starts_with_its_file_and_the_overrides_that_fit(
+def test_service_starts_with_file_and_fitting_overrides(
     tmp_path: Path, stored: str | None, expected: Config
 ) -> None:
     if stored is not None:
@@ -55,9 +55,7 @@ def test_a_service_starts_with_its_file_and_the_overrides_that_fit(
     assert overridden(FILE, LIVE, tmp_path) == expected
 
 
-def test_an_override_that_does_not_fit_is_named_in_the_log(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_unfitting_override_is_named_in_log(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     (tmp_path / "settings.toml").write_text('["config/pilot/kp"]\nvalue = 101.0\nversion = 1\n')
     with caplog.at_level(logging.WARNING):
         overridden(FILE, LIVE, tmp_path)
@@ -65,7 +63,7 @@ def test_an_override_that_does_not_fit_is_named_in_the_log(
     assert "<= 100" in caplog.text
 
 
-async def test_only_a_value_that_was_written_after_the_join_overrides(tmp_path: Path) -> None:
+async def test_only_value_that_was_written_after_join_overrides(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("keeper", node=node) as keeper:
         boards = {
             name: keeper.writer(

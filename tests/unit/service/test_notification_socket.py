@@ -10,7 +10,7 @@ import pytest
 from swarmware.service.notify import NotificationSocket, Notifier
 
 
-def test_a_notification_comes_with_the_pid_of_its_sender_and_the_last_value_of_each_variable() -> None:
+def test_notification_has_sender_and_last_values() -> None:
     with closing(NotificationSocket()) as notifications:
         with closing(Notifier(notifications.address)) as notifier:
             notifier.ready("15 neighbours")
@@ -38,7 +38,7 @@ def test_garbage_is_a_notification_without_known_variables(tmp_path: Path) -> No
     assert not os.path.exists(path)  # noqa: PTH110  # the path is a text here, as in the parent of a node
 
 
-def test_a_file_of_a_killed_receiver_is_replaced_and_a_wrong_place_is_an_error(tmp_path: Path) -> None:
+def test_file_of_killed_receiver_is_replaced(tmp_path: Path) -> None:
     path = tmp_path / "n"
     path.touch()
     with closing(NotificationSocket(str(path))) as notifications:

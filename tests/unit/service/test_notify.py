@@ -44,7 +44,7 @@ def test_each_notification_is_one_datagram(
     notifier.close()
 
 
-def test_the_address_and_the_watchdog_come_from_the_environment(
+def test_address_and_watchdog_come_from_environment(
     manager: socket.socket, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("NOTIFY_SOCKET", manager.getsockname())
@@ -56,7 +56,7 @@ def test_the_address_and_the_watchdog_come_from_the_environment(
     notifier.close()
 
 
-def test_a_leading_at_sign_is_an_address_without_a_file() -> None:
+def test_leading_at_sign_is_address_without_file() -> None:
     name = f"swarm-test-{os.getpid()}"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
         listening.bind(f"\0{name}")
@@ -68,7 +68,7 @@ def test_a_leading_at_sign_is_an_address_without_a_file() -> None:
 
 
 @pytest.mark.parametrize("usec", ["", "never", "-5", "1.5"])
-def test_a_watchdog_time_that_is_not_a_number_is_none(usec: str) -> None:
+def test_watchdog_time_without_number_is_ignored(usec: str) -> None:
     assert Notifier("", usec).watchdog_s is None
 
 
@@ -80,7 +80,7 @@ def test_without_a_service_manager_notifications_are_dropped(tmp_path: Path) -> 
         notifier.close()
 
 
-def test_a_heartbeat_says_whether_the_service_manager_receives_it_also_the_next_one(tmp_path: Path) -> None:
+def test_heartbeat_reports_whether_service_manager_receives(tmp_path: Path) -> None:
     address = str(tmp_path / "n")
     notifier = Notifier(address)
     for _ in range(2):

@@ -20,7 +20,7 @@ def loaded() -> set[str]:
     return set(subprocess.check_output([sys.executable, *EMPTY, "-c", look], text=True).split())
 
 
-def test_the_parent_loads_nothing_that_it_does_not_need() -> None:
+def test_parent_loads_nothing_that_it_does_not_need() -> None:
     found = loaded()
     assert "swarmd.parent" in found
     assert not HEAVY & found

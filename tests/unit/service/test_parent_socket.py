@@ -40,9 +40,7 @@ def test_a_socket_that_stands_is_left_alone(receiver: ParentSocket) -> None:
 
 
 @pytest.mark.parametrize("what", ["run/parent/notify", "run/parent"])
-def test_what_was_removed_is_made_again_under_the_lock(
-    tmp_path: Path, receiver: ParentSocket, what: str
-) -> None:
+def test_removed_file_is_recreated_under_lock(tmp_path: Path, receiver: ParentSocket, what: str) -> None:
     path = tmp_path / what
     if path.is_dir():
         shutil.rmtree(path)
@@ -56,9 +54,7 @@ def test_what_was_removed_is_made_again_under_the_lock(
         ParentSocket(str(tmp_path / "run"))
 
 
-def test_the_run_directory_itself_is_made_by_a_process_of_the_node(
-    run_dir: Path, receiver: ParentSocket
-) -> None:
+def test_run_directory_is_made_by_node_process(run_dir: Path, receiver: ParentSocket) -> None:
     shutil.rmtree(run_dir)
     assert not receiver.restore()
     assert not run_dir.exists()
@@ -67,9 +63,7 @@ def test_the_run_directory_itself_is_made_by_a_process_of_the_node(
     assert run_dir.stat().st_mode & 0o777 == 0o750
 
 
-def test_a_second_parent_in_a_folder_that_was_made_again_keeps_it(
-    run_dir: Path, receiver: ParentSocket
-) -> None:
+def test_second_parent_keeps_recreated_folder(run_dir: Path, receiver: ParentSocket) -> None:
     shutil.rmtree(run_dir / "parent")
     with closing(ParentSocket(str(run_dir))), pytest.raises(Conflict):
         receiver.restore()

@@ -31,7 +31,7 @@ with open("/proc/self/status") as file:
 
 
 @pytest.mark.parametrize(("policy", "number"), [("fifo", os.SCHED_FIFO), ("rr", os.SCHED_RR)])
-def test_a_process_of_its_own_gets_the_policy_and_its_threads_as_well(policy: str, number: int) -> None:
+def test_own_process_and_threads_get_policy(policy: str, number: int) -> None:
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, policy], capture_output=True, text=True, check=True, timeout=60
     )
@@ -43,7 +43,7 @@ def test_a_process_of_its_own_gets_the_policy_and_its_threads_as_well(policy: st
 
 
 @pytest.mark.parametrize(("limit", "expected"), [(8 << 20, "at most 8192 KiB are permitted"), (-1, "EPERM")])
-def test_memory_that_cannot_be_locked_is_stated_and_the_scheduling_stays(limit: int, expected: str) -> None:
+def test_unlockable_memory_is_reported_and_scheduling_stays(limit: int, expected: str) -> None:
     with (
         patch("swarmware.service.realtime._privileged", return_value=False),
         patch("resource.getrlimit", return_value=(limit, limit)),
@@ -66,7 +66,7 @@ def test_nothing_is_changed_where_nothing_is_declared() -> None:
         call.assert_not_called()
 
 
-def test_a_service_that_shares_its_process_with_others_is_not_given_it() -> None:
+def test_service_sharing_process_gets_no_policy() -> None:
     with patch("os.sched_setscheduler") as call:
         reason = give_realtime(HAL, ["hal", "logger"])
         call.assert_not_called()
@@ -87,12 +87,12 @@ def test_a_service_that_shares_its_process_with_others_is_not_given_it() -> None
         (OSError(22, "Invalid argument"), "fifo 50: Invalid argument; expected a kernel"),
     ],
 )
-def test_a_refusal_of_the_system_is_stated_with_what_was_expected(error: OSError, expected: str) -> None:
+def test_system_refusal_is_reported_with_expectation(error: OSError, expected: str) -> None:
     with patch("os.sched_setscheduler", side_effect=error):
         assert give_realtime(HAL, ["hal"]).startswith(expected)
 
 
-def test_only_services_of_the_node_and_priorities_of_the_kernel_are_accepted() -> None:
+def test_only_known_services_and_priorities_are_accepted() -> None:
     good = 'services = ["hal"]\n[realtime]\nservices = { hal = 99 }\n'
     assert parse(good, NodeConfig, "node.toml").realtime.services == {"hal": 99}
     with pytest.raises(ConfigError, match=r"realtime\.services: 'hall' is not one of the services"):
@@ -101,7 +101,7 @@ def test_only_services_of_the_node_and_priorities_of_the_kernel_are_accepted() -
         parse(good.replace("99", "100"), NodeConfig, "node.toml")
 
 
-def test_the_unit_of_systemd_permits_it_with_a_limit() -> None:
+def test_unit_of_systemd_permits_it_with_limit() -> None:
     text = (Path(__file__).parents[3] / "share/swarm/systemd/realtime.conf").read_text()
     assert {"RestrictRealtime=no", "LimitRTPRIO=60", "LimitRTTIME=500ms", "LimitMEMLOCK=infinity"} <= set(
         text.splitlines()

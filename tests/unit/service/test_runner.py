@@ -90,7 +90,7 @@ def node(tmp_path: Path, does: str = "ends") -> Path:
 
 
 @pytest.mark.parametrize("does", ["ends", "is interrupted"])
-def test_a_signal_stops_the_services_in_order_and_the_code_is_0(tmp_path: Path, does: str) -> None:
+def test_signal_stops_services_in_order_with_0(tmp_path: Path, does: str) -> None:
     assert run_services(node(tmp_path, does), ["probe", "second"]) == 0
     assert Probe.calls == ["run", "stop", "stop"]
     assert not list((tmp_path / "uav1/shm").glob("app.*.ring")), "nothing of them is left"
@@ -104,7 +104,7 @@ def test_a_signal_stops_the_services_in_order_and_the_code_is_0(tmp_path: Path, 
         ("has a mistake", 1, "ZeroDivisionError"),
     ],
 )
-def test_a_service_alone_that_fails_ends_its_process_with_the_code_of_the_error(
+def test_failing_lone_service_ends_with_error_code(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], does: str, code: int, text: str
 ) -> None:
     assert run_services(node(tmp_path, does), ["probe"]) == code
@@ -113,7 +113,7 @@ def test_a_service_alone_that_fails_ends_its_process_with_the_code_of_the_error(
     assert ("Traceback" in logged) == (does == "has a mistake"), "a stack only for a mistake of ours"
 
 
-def test_the_service_manager_is_notified_of_the_start_and_the_end(
+def test_service_manager_is_notified_of_start_and_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
@@ -144,7 +144,7 @@ def test_the_service_manager_is_notified_of_the_start_and_the_end(
         (["probe"], lambda etc: (etc / "node.toml").unlink(), SwarmError, "node.toml"),
     ],
 )
-def test_what_does_not_fit_is_refused_before_anything_runs(
+def test_misfit_is_refused_before_anything_runs(
     tmp_path: Path, names: list[str], prepare: Callable[[Path], object], error: type[SwarmError], text: str
 ) -> None:
     config_dir = node(tmp_path)
@@ -154,7 +154,7 @@ def test_what_does_not_fit_is_refused_before_anything_runs(
     assert Probe.calls == []
 
 
-def test_too_low_a_limit_of_open_files_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_low_limit_of_open_files_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     limits: list[tuple[int, int]] = []
     monkeypatch.setattr(resource, "getrlimit", lambda _: (64, 100))
     monkeypatch.setattr(resource, "setrlimit", lambda _, both: limits.append(both))
@@ -163,7 +163,7 @@ def test_too_low_a_limit_of_open_files_is_named(tmp_path: Path, monkeypatch: pyt
     assert limits == [(100, 100)]
 
 
-def test_lines_for_the_journal_have_their_priority_and_a_stack_stays_together(
+def test_journal_lines_have_priority_and_whole_stack(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("JOURNAL_STREAM", "8:1")

@@ -54,7 +54,7 @@ def server(run_dir: Path, answer: Answer) -> Iterator[None]:
 # -- start records
 
 
-def test_the_start_record_names_the_process_until_it_is_cleared(tmp_path: Path) -> None:
+def test_start_record_names_process_until_it_is_cleared(tmp_path: Path) -> None:
     assert starting_pid("hal", tmp_path) == 0
     write_start_record("hal", os.getpid(), tmp_path)
     assert starting_pid("hal", tmp_path) == os.getpid()
@@ -68,12 +68,12 @@ def test_the_start_record_names_the_process_until_it_is_cleared(tmp_path: Path) 
     "text",
     ["", "7", "x y", "{pid} 1", "4194305 0", "1 2 3", "no\x00number", "{pid}", "{pid} -1", "{pid} {pid}"],
 )
-def test_a_start_record_of_another_process_or_a_damaged_one_names_nobody(tmp_path: Path, text: str) -> None:
+def test_foreign_or_damaged_start_record_is_ignored(tmp_path: Path, text: str) -> None:
     (Path(own_folder(tmp_path, STARTING_DIR)) / "hal").write_text(text.format(pid=os.getpid()))
     assert starting_pid("hal", tmp_path) == 0
 
 
-def test_a_folder_of_the_node_is_closed_to_other_users(tmp_path: Path) -> None:
+def test_folder_of_node_is_closed_to_other_users(tmp_path: Path) -> None:
     folder = Path(own_folder(tmp_path / "run", "parent"))
     assert folder == tmp_path / "run/parent"
     assert [path.stat().st_mode & 0o777 for path in (folder, folder.parent)] == [0o700, 0o700]
@@ -85,7 +85,7 @@ def test_a_folder_of_the_node_is_closed_to_other_users(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("notifies", [False, True])
 @pytest.mark.parametrize("parent", [False, True])
-def test_a_new_process_has_our_environment_but_its_own_service_manager(
+def test_new_process_inherits_environment_without_service_manager(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, notifies: bool, parent: bool
 ) -> None:
     monkeypatch.setenv("SWARM_PROBE", "kept")
@@ -106,7 +106,7 @@ def test_a_new_process_has_our_environment_but_its_own_service_manager(
 # -- the fork server
 
 
-def test_a_request_names_the_services_and_its_answer_the_process(tmp_path: Path) -> None:
+def test_request_names_services_and_its_answer_process(tmp_path: Path) -> None:
     asked: list[list[str]] = []
 
     def answer(asking: socket.socket, words: list[str]) -> None:
@@ -132,7 +132,7 @@ REFUSALS: dict[str, Answer] = {
 
 
 @pytest.mark.parametrize("answer", REFUSALS.values(), ids=REFUSALS)
-def test_without_a_process_of_the_fork_server_there_is_none(tmp_path: Path, answer: Answer) -> None:
+def test_missing_fork_server_process_is_reported(tmp_path: Path, answer: Answer) -> None:
     with server(tmp_path, answer):
         assert request_fork(["hal"], "/etc/swarm", tmp_path, {}) is None
 
@@ -141,7 +141,7 @@ def test_without_a_fork_server_there_is_none(tmp_path: Path) -> None:
     assert request_fork(["hal"], "/etc/swarm", tmp_path, {}) is None
 
 
-def test_a_request_that_is_too_long_is_not_sent(tmp_path: Path) -> None:
+def test_request_that_is_too_long_is_not_sent(tmp_path: Path) -> None:
     asked: list[list[str]] = []
     variables = {"LONG": "x" * fork_client.REQUEST_BYTES}
     with server(tmp_path, lambda _, words: asked.append(words)):
@@ -149,9 +149,7 @@ def test_a_request_that_is_too_long_is_not_sent(tmp_path: Path) -> None:
     assert asked == [[""]], "the connection was closed"
 
 
-def test_a_fork_server_that_nodes_share_is_asked_instead_of_the_own_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_shared_fork_server_is_asked_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     shared = tmp_path / "shared"
     monkeypatch.setenv(fork_client.VARIABLE, str(shared / FOLDER / SOCKET))
     with server(shared, lambda asking, _: asking.send(b"4711")):
@@ -182,7 +180,7 @@ def test_a_fork_server_that_hangs_is_killed(tmp_path: Path, monkeypatch: pytest.
         os.close(fd)
 
 
-def test_the_exit_status_is_unknown_when_the_fork_server_has_gone(tmp_path: Path) -> None:
+def test_exit_status_is_unknown_without_fork_server(tmp_path: Path) -> None:
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     started = StartedProcess(4711, ours)
     assert started.exit_status() == ExitStatus(), "no answer yet"

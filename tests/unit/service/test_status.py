@@ -16,7 +16,7 @@ def load(at_s: float, cpu_s: float, resident_bytes: int = 50_000_000) -> Load:
     return Load(at_s, cpu_s, resident_bytes)
 
 
-async def test_the_first_report_is_there_when_it_is_opened(tmp_path: Path) -> None:
+async def test_first_report_is_there_when_it_is_opened(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node, Module("my-planner", node=node) as m:
         Reporter.open(m, 3)
         status = m.reader("app/my_planner/status", AppStatus).value
@@ -49,7 +49,7 @@ async def test_the_load_is_that_between_two_reports(
 @pytest.mark.parametrize(
     ("loop_s", "tickers_s", "worst_s"), [(0.02, 0.0, 0.02), (0.02, 0.07, 0.07), (0.0, 0.0, 0.0)]
 )
-async def test_the_lateness_is_the_worst_of_the_process_and_of_its_tickers_once(
+async def test_lateness_is_worst_of_process_and_tickers(
     tmp_path: Path, loop_s: float, tickers_s: float, worst_s: float
 ) -> None:
     async with tmp_node(tmp_path) as node, Module("planner", node=node) as m:
@@ -70,7 +70,7 @@ def test_the_load_of_this_process_is_measured() -> None:
     assert 1_000_000 < first.resident_bytes < 10_000_000_000
 
 
-def test_a_process_without_a_free_descriptor_measures_its_load_without_its_memory() -> None:
+def test_process_without_descriptors_measures_load_without_memory() -> None:
     assert Load.measured().resident_bytes > 0
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     try:

@@ -41,20 +41,20 @@ class Ends:
 
 
 @pytest.mark.parametrize(("code", "how"), [("raise SystemExit(3)", "exit 3"), ("pass", "exit 0")])
-async def test_the_exit_code_of_a_child_is_reported_once(code: str, how: str) -> None:
+async def test_exit_code_of_child_is_reported_once(code: str, how: str) -> None:
     ends = Ends()
     SupervisedProcess(StartedProcess(child(code)), ends)
     assert await ends.wait() == [how]
 
 
-async def test_a_signal_reaches_the_process_and_is_its_status() -> None:
+async def test_signal_reaches_process_and_is_its_status() -> None:
     ends = Ends()
     process = SupervisedProcess(StartedProcess(child()), ends)
     process.signal(signal.SIGKILL)
     assert await ends.wait() == ["signal 9"]
 
 
-async def test_the_status_of_a_forked_process_comes_from_the_fork_server() -> None:
+async def test_status_of_forked_process_comes_from_fork_server() -> None:
     ours, server = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     pid = child()
     ends = Ends()
@@ -67,7 +67,7 @@ async def test_the_status_of_a_forked_process_comes_from_the_fork_server() -> No
     server.close()
 
 
-async def test_without_an_answer_of_the_fork_server_the_status_is_unknown(
+async def test_status_without_fork_server_is_unknown(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(supervised_process, "ENDED_S", 0.01)
@@ -80,14 +80,14 @@ async def test_without_an_answer_of_the_fork_server_the_status_is_unknown(
     server.close()
 
 
-async def test_a_process_that_does_not_run_is_not_found() -> None:
+async def test_process_that_does_not_run_is_not_found() -> None:
     pid = child("pass")
     reap(pid)
     with pytest.raises(NotFound, match=f"process {pid}: it does not run"):
         SupervisedProcess(StartedProcess(pid), Ends())
 
 
-async def test_a_process_that_is_watched_no_longer_goes_on_and_reports_nothing() -> None:
+async def test_unwatched_process_continues_unreported() -> None:
     pid, ends = child(), Ends()
     process = SupervisedProcess(StartedProcess(pid), ends)
     process.close()

@@ -5,7 +5,7 @@ from pathlib import Path
 from swarmware.transport.shm.ringfile import absent
 
 
-def test_only_where_there_is_nothing_at_all_a_reader_waits_without_a_word(tmp_path: Path) -> None:
+def test_reader_waits_silently_only_without_file(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     (tmp_path / "link").symlink_to("nowhere")
     found = {name: absent(str(tmp_path / name)) for name in ("file", "link", "file/below", "none", "no/none")}

@@ -94,7 +94,7 @@ def app(place: Place, name: str) -> AppFile:
     return AppFile(place.run_dir, name, endpoint="ipc:///x", started_ns=1)
 
 
-def test_a_member_has_an_application_file_that_all_see(place: Callable[[int], Place]) -> None:
+def test_member_has_application_file_that_all_see(place: Callable[[int], Place]) -> None:
     node = place(0o750)
     with owner():
         tree = app(node, "tree")
@@ -136,7 +136,7 @@ def claiming(entry: AppEntry, name: str, *addresses: str) -> bytes:
     )
 
 
-def test_no_file_of_a_member_serves_what_the_daemons_serve(place: Callable[[int], Place]) -> None:
+def test_no_file_of_member_serves_what_daemons_serve(place: Callable[[int], Place]) -> None:
     node = place(0o750)
     with owner():
         tree = app(node, "tree")
@@ -163,7 +163,7 @@ def test_no_file_of_a_member_serves_what_the_daemons_serve(place: Callable[[int]
         tree.close()
 
 
-def test_no_file_of_a_member_bears_the_name_of_a_daemon(place: Callable[[int], Place]) -> None:
+def test_no_file_of_member_bears_name_of_daemon(place: Callable[[int], Place]) -> None:
     node = place(0o750)
     with owner():
         tool = app(node, "tool")
@@ -192,7 +192,7 @@ def test_no_file_of_a_member_bears_the_name_of_a_daemon(place: Callable[[int], P
         os.close(fd)
 
 
-def test_the_owner_removes_what_members_put_at_the_path_of_its_ring(place: Callable[[int], Place]) -> None:
+def test_owner_removes_members_files_at_ring_path(place: Callable[[int], Place]) -> None:
     node = place(0o750)
     ring = node.shm_dir / "nav.pose.ring"
     with member():
@@ -219,7 +219,7 @@ def test_the_owner_removes_what_members_put_at_the_path_of_its_ring(place: Calla
     ids=["open", "closed", "link", "file"],
 )
 @pytest.mark.parametrize("name", ["shm/node", "run/apps", "run/p", "run/bells"])
-def test_a_node_does_not_start_in_a_folder_of_a_stranger(
+def test_node_refuses_folder_of_foreign_user(
     tmp_path: Path, place: Callable[[int], Place], make: Callable[[Path], None], reason: str, name: str
 ) -> None:
     node = place(0o750)
@@ -239,7 +239,7 @@ def test_a_node_does_not_start_in_a_folder_of_a_stranger(
     assert path.lstat() == before
 
 
-def test_a_node_does_not_start_in_a_folder_that_all_may_write(place: Callable[[int], Place]) -> None:
+def test_node_refuses_folder_writable_by_all(place: Callable[[int], Place]) -> None:
     node = place(0o750)
     with owner():
         node.boot.leave()
@@ -249,7 +249,7 @@ def test_a_node_does_not_start_in_a_folder_that_all_may_write(place: Callable[[i
             NodeIncarnation(node.run_dir, node.shm_dir)
 
 
-def test_a_rewritten_file_of_a_member_is_read_again(place: Callable[[int], Place]) -> None:
+def test_rewritten_file_of_member_is_read_again(place: Callable[[int], Place]) -> None:
     node = place(0o750)
     with owner():
         app(node, "tree").close()
@@ -268,7 +268,7 @@ def test_a_rewritten_file_of_a_member_is_read_again(place: Callable[[int], Place
             tool.close()
 
 
-def test_rings_are_read_by_all_and_written_and_removed_by_their_owner_only(
+def test_rings_are_readable_by_all_writable_by_owner(
     place: Callable[[int], Place],
 ) -> None:
     node = place(0o750)
@@ -315,7 +315,7 @@ def test_doorbells_ring_both_ways_whoever_made_the_table(place: Callable[[int], 
             bell.close()
 
 
-def test_a_doorbell_that_nobody_may_ring_stops_no_writer(place: Callable[[int], Place]) -> None:
+def test_unringable_doorbell_stops_no_writer(place: Callable[[int], Place]) -> None:
     node = place(0o750)
     bells = node.run_dir / "bells"
     table = node.shm_dir / "some.readers"
@@ -343,7 +343,7 @@ def test_whoever_may_not_read_the_folder_is_denied(
         NodeIncarnation(node.run_dir, node.shm_dir)
 
 
-def test_a_member_cannot_start_a_node_that_nobody_runs(place: Callable[[int], Place]) -> None:
+def test_member_cannot_start_foreign_node(place: Callable[[int], Place]) -> None:
     node = place(0o750)
     with owner():
         node.boot.leave()
@@ -351,7 +351,7 @@ def test_a_member_cannot_start_a_node_that_nobody_runs(place: Callable[[int], Pl
         NodeIncarnation(node.run_dir, node.shm_dir)
 
 
-def test_what_root_makes_belongs_to_the_owner_of_the_node(place: Callable[[int], Place]) -> None:
+def test_files_of_root_belong_to_node_owner(place: Callable[[int], Place]) -> None:
     node = place(0o700)
     with owner():
         app(node, "tree").close()

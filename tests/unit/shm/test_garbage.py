@@ -60,7 +60,7 @@ U64 = st.one_of(st.integers(0, 20), st.integers(0, (1 << 64) - 1))
 
 
 @given(st.lists(st.tuples(st.integers(0, 31), U64), max_size=4), st.integers(0, 4096))
-def test_a_header_of_any_words_is_refused_or_read(
+def test_header_of_any_words_is_refused_or_read(
     folder: Path, changes: list[tuple[int, int]], size: int
 ) -> None:
     geometry = Geometry(4, 64)
@@ -79,9 +79,7 @@ def test_a_header_of_any_words_is_refused_or_read(
 
 
 @given(st.lists(st.tuples(st.integers(0, 10_000), st.integers(0, 255)), min_size=1, max_size=30))
-def test_a_damaged_ring_is_refused_or_read_and_a_writer_heals_it(
-    folder: Path, changes: list[tuple[int, int]]
-) -> None:
+def test_damaged_ring_is_refused_or_healed(folder: Path, changes: list[tuple[int, int]]) -> None:
     path = folder / "c.ring"
     path.unlink(missing_ok=True)
     with RingWriter(path, slots=4, slot_bytes=64) as writer:
@@ -101,7 +99,7 @@ def test_a_damaged_ring_is_refused_or_read_and_a_writer_heals_it(
 
 @given(st.lists(st.text(st.characters(codec="utf-8", exclude_characters="/\0"), min_size=1, max_size=60)))
 @example([".ring", "..readers", "17-0", "x" * 60, "17-0.ring", " "])
-def test_any_names_in_a_folder_of_readers_are_passed_over_or_rung(
+def test_any_names_among_readers_are_skipped_or_rung(
     tmp_path_factory: pytest.TempPathFactory, names: list[str]
 ) -> None:
     path = tmp_path_factory.mktemp("d") / "d.readers"
@@ -118,14 +116,14 @@ def test_any_names_in_a_folder_of_readers_are_passed_over_or_rung(
     doorbells.close()
 
 
-def test_a_name_that_leads_out_of_the_folder_is_refused(tmp_path: Path) -> None:
+def test_name_that_leads_out_of_folder_is_refused(tmp_path: Path) -> None:
     notifier = ReaderNotifier(tmp_path / "a.readers", DoorbellSenders(tmp_path))
     with pytest.raises(WireError, match="cannot name a doorbell"):
         notifier.add("../victim")
 
 
 @pytest.mark.parametrize("kind", ["folder", "fifo", "link", "dangling"])
-def test_what_is_no_file_is_refused_by_readers_and_removed_by_the_writer(tmp_path: Path, kind: str) -> None:
+def test_non_file_is_refused_then_removed_by_writer(tmp_path: Path, kind: str) -> None:
     path = tmp_path / "a.ring"
     if kind == "folder":
         path.mkdir()
@@ -156,7 +154,7 @@ def test_a_folder_that_is_a_file_is_refused(tmp_path: Path) -> None:
         ReaderNotifier(tmp_path / "shm" / "a.readers", DoorbellSenders(tmp_path)).add("1-0")
 
 
-def test_a_ring_of_another_layout_version_is_named_as_such(tmp_path: Path) -> None:
+def test_ring_of_another_version_is_named(tmp_path: Path) -> None:
     path = tmp_path / "a.ring"
     path.write_bytes(header({layout.W_MAGIC: layout.MAGIC, layout.W_VERSION: 9}, 1024))
     with pytest.raises(WireError, match="ring layout 9, expected 1"):

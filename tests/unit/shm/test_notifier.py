@@ -60,9 +60,7 @@ def test_a_bell_rings_until_it_is_drained(
     assert not doorbell.drain()
 
 
-def test_a_bell_nobody_answers_never_stops_who_rings_it(
-    doorbell: Doorbell, doorbells: DoorbellSenders
-) -> None:
+def test_unanswered_bell_never_stops_its_ringer(doorbell: Doorbell, doorbells: DoorbellSenders) -> None:
     for _ in range(20_000):
         assert doorbells.ring(doorbell.name)
     assert doorbell.drain()
@@ -80,7 +78,7 @@ def test_two_bells_of_one_process_have_two_names(
     assert not doorbells.ring(second.name)
 
 
-def test_a_bell_left_by_a_dead_process_of_our_number_is_replaced(folder: Path) -> None:
+def test_bell_of_dead_namesake_is_replaced(folder: Path) -> None:
     folder.mkdir()
     os.mkfifo(folder / f"{os.getpid()}-0")
     with Doorbell(folder) as doorbell:
@@ -88,9 +86,7 @@ def test_a_bell_left_by_a_dead_process_of_our_number_is_replaced(folder: Path) -
     assert list(folder.iterdir()) == []
 
 
-def test_a_bell_made_again_under_the_same_name_is_found_again(
-    folder: Path, doorbells: DoorbellSenders
-) -> None:
+def test_recreated_bell_of_same_name_is_found(folder: Path, doorbells: DoorbellSenders) -> None:
     first = Doorbell(folder)
     assert doorbells.ring(first.name)
     first.close()
@@ -101,7 +97,7 @@ def test_a_bell_made_again_under_the_same_name_is_found_again(
         assert second.drain()
 
 
-def test_a_file_that_is_no_bell_is_not_written_to(
+def test_non_bell_file_is_not_written(
     folder: Path,
     doorbells: DoorbellSenders,
 ) -> None:
@@ -138,7 +134,7 @@ def test_a_reader_may_come_before_the_writer(
     assert doorbell.drain()
 
 
-def test_the_dead_are_dropped_and_the_living_still_rung(
+def test_dead_are_dropped_and_living_still_rung(
     notifier: ReaderNotifier, others: ReaderNotifier, folder: Path
 ) -> None:
     with Doorbell(folder) as living:
@@ -154,7 +150,7 @@ def test_the_dead_are_dropped_and_the_living_still_rung(
         assert others.names() == (living.name,)
 
 
-def test_sixty_four_processes_may_read_and_the_dead_make_room(others: ReaderNotifier, folder: Path) -> None:
+def test_sixty_four_may_read_and_dead_make_room(others: ReaderNotifier, folder: Path) -> None:
     doorbells = [Doorbell(folder) for _ in range(ENTRIES + 1)]
     for doorbell in doorbells[:ENTRIES]:
         others.add(doorbell.name)
@@ -168,7 +164,7 @@ def test_sixty_four_processes_may_read_and_the_dead_make_room(others: ReaderNoti
         doorbell.close()
 
 
-def test_a_folder_locked_by_a_stopped_process_stops_neither_writer_nor_reader(
+def test_folder_locked_by_stopped_process_blocks_none(
     notifier: ReaderNotifier, others: ReaderNotifier, folder: Path
 ) -> None:
     with Doorbell(folder) as living, Doorbell(folder) as dead:
@@ -189,7 +185,7 @@ def test_a_folder_locked_by_a_stopped_process_stops_neither_writer_nor_reader(
         os.close(fd)
 
 
-def test_an_empty_folder_that_was_removed_long_after_its_last_change_is_opened_again(
+def test_removed_empty_folder_is_reopened(
     notifier: ReaderNotifier, others: ReaderNotifier, doorbell: Doorbell
 ) -> None:
     notifier.notify()
@@ -201,7 +197,7 @@ def test_an_empty_folder_that_was_removed_long_after_its_last_change_is_opened_a
     assert doorbell.drain()
 
 
-def test_a_folder_that_left_its_path_is_opened_again(
+def test_folder_that_left_its_path_is_opened_again(
     notifier: ReaderNotifier, others: ReaderNotifier, doorbell: Doorbell
 ) -> None:
     notifier.notify()
@@ -211,7 +207,7 @@ def test_a_folder_that_left_its_path_is_opened_again(
     assert doorbell.drain()
 
 
-def test_every_reader_that_comes_within_a_tick_of_the_kernel_is_woken(
+def test_readers_within_kernel_tick_are_all_woken(
     notifier: ReaderNotifier, others: ReaderNotifier, folder: Path
 ) -> None:
     doorbells = [Doorbell(folder) for _ in range(40)]
@@ -223,7 +219,7 @@ def test_every_reader_that_comes_within_a_tick_of_the_kernel_is_woken(
         doorbell.close()
 
 
-def test_a_doorbell_that_the_writer_entered_itself_long_before_its_first_frame_is_rung(
+def test_doorbell_entered_before_first_frame_is_rung(
     notifier: ReaderNotifier, doorbell: Doorbell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # between the entry and its listing the process stands still for a second
@@ -233,7 +229,7 @@ def test_a_doorbell_that_the_writer_entered_itself_long_before_its_first_frame_i
     assert doorbell.drain()
 
 
-def test_a_name_that_the_writer_has_dropped_is_rung_again_when_it_is_entered_again(
+def test_dropped_name_is_rung_again_when_reentered(
     notifier: ReaderNotifier, others: ReaderNotifier, folder: Path
 ) -> None:
     with Doorbell(folder) as first:
@@ -247,13 +243,13 @@ def test_a_name_that_the_writer_has_dropped_is_rung_again_when_it_is_entered_aga
         assert second.drain()
 
 
-def test_removing_from_a_folder_that_is_gone_makes_none(notifier: ReaderNotifier, doorbell: Doorbell) -> None:
+def test_removal_from_missing_folder_creates_none(notifier: ReaderNotifier, doorbell: Doorbell) -> None:
     notifier.remove(doorbell.name)
     assert not notifier.path.exists()
 
 
 @pytest.mark.parametrize("kind", ["empty", "garbage", "table of an older version", "link", "fifo"])
-def test_what_stands_in_the_place_of_the_folder_gives_way_to_it(
+def test_obstacle_at_folders_path_gives_way(
     tmp_path: Path, notifier: ReaderNotifier, doorbell: Doorbell, others: ReaderNotifier, kind: str
 ) -> None:
     target = tmp_path / "target"
@@ -285,7 +281,7 @@ STRANGE: list[Callable[[Path], object]] = [
 
 
 @pytest.mark.parametrize("make", STRANGE, ids=["fifo", "folder", "full", "link"])
-def test_what_is_no_entry_stops_neither_writer_nor_reader(
+def test_non_entry_stops_neither_writer_nor_reader(
     notifier: ReaderNotifier,
     others: ReaderNotifier,
     doorbell: Doorbell,
@@ -307,7 +303,7 @@ def test_what_is_no_entry_stops_neither_writer_nor_reader(
 
 @pytest.mark.parametrize("make", STRANGE, ids=["fifo", "folder", "full", "link"])
 @pytest.mark.parametrize("sweep", [reap, remove_all])
-def test_what_is_no_entry_stops_neither_start_nor_end_of_a_node(
+def test_non_entry_stops_neither_start_nor_end(
     tmp_path: Path, make: Callable[[Path], object], sweep: Callable[[Path, Path], object]
 ) -> None:
     table = tmp_path / "shm/nav.pose.readers"

@@ -25,7 +25,7 @@ def test_another_start_or_another_boot_is_another_process(change: dict[str, int]
     assert not msgspec.structs.replace(Owner.current(), **change).alive()
 
 
-def test_a_process_that_ended_is_dead_even_before_its_parent_looks() -> None:
+def test_ended_process_is_dead_before_parent_checks() -> None:
     with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as child:
         assert child.stdin is not None
         owner = msgspec.structs.replace(Owner.current(), pid=child.pid, start_ticks=start_ticks(child.pid))
@@ -37,7 +37,7 @@ def test_a_process_that_ended_is_dead_even_before_its_parent_looks() -> None:
     assert not owner.alive()
 
 
-def test_an_owner_comes_back_from_the_header_as_it_was_written() -> None:
+def test_owner_round_trips_through_header() -> None:
     words = memoryview(bytearray(layout.HEADER_BYTES)).cast("Q")
     assert not layout.read_owner(words).alive()
     layout.write_owner(words, Owner.current())

@@ -32,7 +32,7 @@ def once(before: Callable[[], object]) -> Callable[[int], bool]:
     return late
 
 
-def test_a_writer_that_locked_a_file_just_removed_takes_the_one_at_the_path(
+def test_writer_locking_removed_file_takes_present_one(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "a.ring"
@@ -49,7 +49,7 @@ def test_a_writer_that_locked_a_file_just_removed_takes_the_one_at_the_path(
         assert reader.newest() == b"x"
 
 
-def test_a_writer_beaten_to_a_new_ring_is_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_writer_beaten_to_new_ring_learns_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.ring"
     faster: list[RingWriter] = []
 
@@ -67,7 +67,7 @@ def test_a_writer_beaten_to_a_new_ring_is_told_so(tmp_path: Path, monkeypatch: p
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.ring"]
 
 
-def test_a_writer_waits_out_a_probe_of_the_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_writer_waits_out_probe_of_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.ring"
     RingWriter(path, slots=4, slot_bytes=64).close()
     fd = os.open(path, os.O_RDONLY)
@@ -82,9 +82,7 @@ def test_a_writer_waits_out_a_probe_of_the_lock(tmp_path: Path, monkeypatch: pyt
         assert writer.taken_over
 
 
-def test_a_lock_held_by_somebody_unknown_is_busy_in_the_end(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_lock_of_unknown_holder_is_finally_busy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.ring"
     RingWriter(path, slots=4, slot_bytes=64).close()
     fd = os.open(path, os.O_RDONLY)
@@ -97,9 +95,7 @@ def test_a_lock_held_by_somebody_unknown_is_busy_in_the_end(
     os.close(fd)
 
 
-def test_the_reaper_leaves_a_ring_made_after_it_looked(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_reaper_leaves_ring_made_after_it_looked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.ring"
     RingWriter(path, slots=4, slot_bytes=64).close()
     fresh: list[RingWriter] = []
@@ -116,7 +112,7 @@ def test_the_reaper_leaves_a_ring_made_after_it_looked(
     fresh[0].close()
 
 
-def test_a_reader_whose_folder_is_removed_while_it_enters_uses_the_one_at_the_path(tmp_path: Path) -> None:
+def test_reader_entering_removed_folder_uses_present_one(tmp_path: Path) -> None:
     path = tmp_path / "a.readers"
     with Doorbell(tmp_path / "bells") as bell:
         doorbells = DoorbellSenders(tmp_path / "bells")
@@ -130,9 +126,7 @@ def test_a_reader_whose_folder_is_removed_while_it_enters_uses_the_one_at_the_pa
         doorbells.close()
 
 
-def test_the_reaper_and_a_new_doorbell_keep_out_of_each_others_way(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_reaper_and_new_doorbell_do_not_collide(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = paths.doorbells(tmp_path)
     folder.mkdir()
     monkeypatch.setattr(doorbell, "FOLDER_WAIT_S", 0.01)
@@ -144,7 +138,7 @@ def test_the_reaper_and_a_new_doorbell_keep_out_of_each_others_way(
     assert reap(tmp_path, tmp_path).removed == (folder / "17-0",)
 
 
-def test_a_writer_waits_for_one_that_reaps_and_holds_the_unfinished_ring_for_a_moment(tmp_path: Path) -> None:
+def test_writer_waits_for_reaper_and_reserves_ring(tmp_path: Path) -> None:
     path = tmp_path / "a.ring"
     with path.with_name("a.ring.new").open("w") as unfinished:
         fcntl.flock(unfinished, fcntl.LOCK_EX)

@@ -32,7 +32,7 @@ def test_missing_folders_are_clean(shm_dir: Path, run_dir: Path) -> None:
     assert remove_all(shm_dir, run_dir).removed == ()
 
 
-def test_the_rings_of_the_dead_go_and_those_of_the_living_stay(shm_dir: Path, run_dir: Path) -> None:
+def test_dead_rings_go_and_living_stay(shm_dir: Path, run_dir: Path) -> None:
     dead = ring_file(shm_dir, "nav/pose")
     mirror = ring_file(shm_dir, "nav/pose", "uav3")
     RingWriter(dead, slots=4, slot_bytes=64).close()
@@ -52,7 +52,7 @@ def test_the_rings_of_the_dead_go_and_those_of_the_living_stay(shm_dir: Path, ru
         assert reader.newest() == b"x"
 
 
-def test_a_table_stays_while_its_ring_lives_or_a_reader_waits(shm_dir: Path, run_dir: Path) -> None:
+def test_table_stays_while_used(shm_dir: Path, run_dir: Path) -> None:
     doorbells = DoorbellSenders(paths.doorbells(run_dir))
     written, awaited, forgotten = (
         ring_file(shm_dir, path) for path in ("a/written", "b/awaited", "c/forgotten")
@@ -75,7 +75,7 @@ def test_a_table_stays_while_its_ring_lives_or_a_reader_waits(shm_dir: Path, run
     doorbells.close()
 
 
-def test_a_writer_whose_table_was_reaped_finds_the_next_reader(shm_dir: Path, run_dir: Path) -> None:
+def test_writer_whose_table_was_reaped_finds_next_reader(shm_dir: Path, run_dir: Path) -> None:
     doorbells = DoorbellSenders(paths.doorbells(run_dir))
     path = shm_dir / "apps.readers"  # a table without a ring
     with (
@@ -91,7 +91,7 @@ def test_a_writer_whose_table_was_reaped_finds_the_next_reader(shm_dir: Path, ru
     doorbells.close()
 
 
-def test_doorbells_of_the_dead_go_and_those_of_the_living_stay(shm_dir: Path, run_dir: Path) -> None:
+def test_dead_doorbells_go_and_living_stay(shm_dir: Path, run_dir: Path) -> None:
     with Doorbell(paths.doorbells(run_dir)) as doorbell:
         left = paths.doorbells(run_dir) / "17-0"
         os.mkfifo(left)
@@ -123,7 +123,7 @@ def test_what_is_not_ours_is_left_alone(shm_dir: Path, run_dir: Path) -> None:
     assert (names(shm_dir), names(run_dir)) == before
 
 
-def test_the_end_of_a_node_removes_everything_and_the_folders(shm_dir: Path, run_dir: Path) -> None:
+def test_end_of_node_removes_everything_and_folders(shm_dir: Path, run_dir: Path) -> None:
     doorbells = DoorbellSenders(paths.doorbells(run_dir))
     ring = ring_file(shm_dir, "nav/pose", "uav1")
     with (

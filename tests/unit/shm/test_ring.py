@@ -61,7 +61,7 @@ class Overtaken:
         return before + self._ring[half : where.stop]
 
 
-def test_an_empty_ring_has_nothing_new_and_nothing_next(reader: RingReader) -> None:
+def test_empty_ring_has_nothing_new_and_nothing_next(reader: RingReader) -> None:
     assert reader.sequence == reader.seen == 0
     assert reader.newest() is None
     assert reader.next() is None
@@ -79,7 +79,7 @@ def test_the_newest_frame_is_what_was_written_last(writer: RingWriter, reader: R
     assert reader.newest() == b""
 
 
-def test_a_frame_may_fill_the_slot_and_not_a_byte_more(writer: RingWriter, reader: RingReader) -> None:
+def test_frame_may_fill_slot_and_not_byte_more(writer: RingWriter, reader: RingReader) -> None:
     full = bytes(range(256)) * (writer.slot_bytes // 256 + 1)
     writer.write(full[: writer.slot_bytes])
     assert reader.newest() == full[: writer.slot_bytes]
@@ -97,27 +97,21 @@ def test_next_gives_every_frame_once_and_in_order(writer: RingWriter, reader: Ri
     assert reader.lost == 0
 
 
-def test_an_overrun_is_counted_exactly_and_goes_on_with_the_oldest_safe_frame(
-    writer: RingWriter, reader: RingReader
-) -> None:
+def test_overrun_is_counted_and_resumes_at_oldest(writer: RingWriter, reader: RingReader) -> None:
     for i in range(1, 11):
         writer.write(b"%d" % i)
     assert [reader.next(), reader.next(), reader.next(), reader.next()] == [b"8", b"9", b"10", None]
     assert reader.lost == 7
 
 
-def test_a_full_ring_is_read_to_its_oldest_frame_when_the_writer_rests(
-    writer: RingWriter, reader: RingReader
-) -> None:
+def test_full_ring_at_rest_is_read_entirely(writer: RingWriter, reader: RingReader) -> None:
     for i in range(1, 5):
         writer.write(b"%d" % i)
     assert [reader.next() for _ in range(4)] == [b"1", b"2", b"3", b"4"]
     assert reader.lost == 0
 
 
-def test_the_oldest_frame_is_counted_lost_when_its_slot_is_on_loan(
-    writer: RingWriter, reader: RingReader
-) -> None:
+def test_oldest_frame_on_loan_is_counted_lost(writer: RingWriter, reader: RingReader) -> None:
     for i in range(1, 5):
         writer.write(b"%d" % i)
     writer.loan(3)
@@ -137,7 +131,7 @@ def test_a_reader_starts_where_it_is_told_to(writer: RingWriter) -> None:
         assert (just.next(), just.lost) == (b"7", 0)
 
 
-def test_a_torn_copy_is_thrown_away_and_made_again(writer: RingWriter, reader: RingReader) -> None:
+def test_torn_copy_is_thrown_away_and_made_again(writer: RingWriter, reader: RingReader) -> None:
     writer.write(b"a" * 100)
     later = [letter * 100 for letter in (b"b", b"c", b"d", b"e", b"f")]
     reader._map = Overtaken(reader._map, writer, later)  # type: ignore[assignment]  # stands in for the map
@@ -146,9 +140,7 @@ def test_a_torn_copy_is_thrown_away_and_made_again(writer: RingWriter, reader: R
     reader._map = reader._map._ring  # type: ignore[attr-defined]  # the map again
 
 
-def test_a_frame_overtaken_during_the_copy_is_counted_not_given(
-    writer: RingWriter, reader: RingReader
-) -> None:
+def test_frame_overtaken_during_copy_is_counted_not_given(writer: RingWriter, reader: RingReader) -> None:
     writer.write(b"a" * 100)
     later = [letter * 100 for letter in (b"b", b"c", b"d", b"e", b"f")]
     reader._map = Overtaken(reader._map, writer, later)  # type: ignore[assignment]  # stands in for the map
@@ -157,7 +149,7 @@ def test_a_frame_overtaken_during_the_copy_is_counted_not_given(
     reader._map = reader._map._ring  # type: ignore[attr-defined]  # the map again
 
 
-def test_damage_from_outside_is_an_error_for_a_board_and_a_loss_for_a_stream(tmp_path: Path) -> None:
+def test_outside_damage_is_error_or_stream_loss(tmp_path: Path) -> None:
     with (
         RingWriter(tmp_path / "x.ring", slots=4, slot_bytes=SMALL) as writer,
         RingReader(writer.path) as reader,
@@ -174,7 +166,7 @@ def test_damage_from_outside_is_an_error_for_a_board_and_a_loss_for_a_stream(tmp
         assert reader.lost == 1
 
 
-def test_bytes_of_another_round_do_not_pass_the_checksum(tmp_path: Path) -> None:
+def test_bytes_of_another_round_do_not_pass_checksum(tmp_path: Path) -> None:
     with (
         RingWriter(tmp_path / "x.ring", slots=4, slot_bytes=SMALL) as writer,
         RingReader(writer.path) as reader,
@@ -202,7 +194,7 @@ def test_a_loan_is_seen_only_once_published(writer: RingWriter, reader: RingRead
         writer.publish()
 
 
-def test_one_loan_at_a_time_and_no_write_meanwhile(writer: RingWriter, reader: RingReader) -> None:
+def test_loan_is_exclusive_and_blocks_writes(writer: RingWriter, reader: RingReader) -> None:
     writer.loan(10)
     with pytest.raises(Conflict):
         writer.write(b"x")
@@ -217,7 +209,7 @@ def test_one_loan_at_a_time_and_no_write_meanwhile(writer: RingWriter, reader: R
         writer.loan(writer.slot_bytes + 1)
 
 
-def test_a_view_is_valid_until_its_slot_is_written_again(writer: RingWriter, reader: RingReader) -> None:
+def test_view_is_valid_until_slot_rewritten(writer: RingWriter, reader: RingReader) -> None:
     writer.write(b"seen")
     view = reader.view()
     assert view is not None
@@ -257,12 +249,12 @@ def test_a_view_outlives_its_reader(writer: RingWriter) -> None:
     view.release()
 
 
-def test_a_second_writer_is_told_who_the_first_is(writer: RingWriter) -> None:
+def test_second_writer_learns_the_first(writer: RingWriter) -> None:
     with pytest.raises(RingBusy, match=f"process {os.getpid()} writes this ring"):
         RingWriter(writer.path, slots=4, slot_bytes=writer.slot_bytes)
 
 
-def test_a_ring_of_the_same_layout_goes_on_in_place(tmp_path: Path, slot_bytes: int) -> None:
+def test_ring_of_same_layout_continues_in_place(tmp_path: Path, slot_bytes: int) -> None:
     path = tmp_path / "a.ring"
     with RingWriter(path, slots=4, slot_bytes=slot_bytes) as first:
         first.write(b"1")
@@ -283,7 +275,7 @@ def test_a_ring_of_the_same_layout_goes_on_in_place(tmp_path: Path, slot_bytes: 
     reader.close()
 
 
-def test_a_ring_of_another_layout_is_replaced_and_its_sequence_goes_on(tmp_path: Path) -> None:
+def test_ring_of_another_layout_continues_sequence(tmp_path: Path) -> None:
     path = tmp_path / "a.ring"
     with RingWriter(path, slots=4, slot_bytes=SMALL) as first:
         for i in range(1, 6):
@@ -304,7 +296,7 @@ def test_a_ring_of_another_layout_is_replaced_and_its_sequence_goes_on(tmp_path:
     reader.close()
 
 
-def test_frames_left_unread_in_a_replaced_file_are_counted_lost(tmp_path: Path) -> None:
+def test_unread_frames_of_replaced_file_are_lost(tmp_path: Path) -> None:
     path = tmp_path / "a.ring"
     with RingWriter(path, slots=4, slot_bytes=SMALL) as first:
         first.write(b"1")
@@ -319,7 +311,7 @@ def test_frames_left_unread_in_a_replaced_file_are_counted_lost(tmp_path: Path) 
     reader.close()
 
 
-def test_a_ring_made_anew_is_read_from_its_first_frame(tmp_path: Path) -> None:
+def test_recreated_ring_is_read_from_first_frame(tmp_path: Path) -> None:
     path = tmp_path / "a.ring"
     with RingWriter(path, slots=4, slot_bytes=SMALL) as first:
         for i in range(9):
@@ -340,7 +332,7 @@ def test_a_ring_made_anew_is_read_from_its_first_frame(tmp_path: Path) -> None:
     reader.close()
 
 
-def test_closing_with_unlink_leaves_a_file_of_somebody_else_alone(tmp_path: Path) -> None:
+def test_closing_with_unlink_leaves_foreign_file(tmp_path: Path) -> None:
     path = tmp_path / "a.ring"
     first = RingWriter(path, slots=4, slot_bytes=SMALL)
     path.unlink()
@@ -351,7 +343,7 @@ def test_closing_with_unlink_leaves_a_file_of_somebody_else_alone(tmp_path: Path
             assert reader.nonce == second.nonce
 
 
-def test_the_file_mode_lets_the_group_read_and_only_the_owner_write(tmp_path: Path) -> None:
+def test_file_mode_is_group_read_owner_write(tmp_path: Path) -> None:
     old_mask = os.umask(0o077)
     try:
         with RingWriter(tmp_path / "a.ring", slots=4, slot_bytes=64) as writer:
@@ -387,7 +379,7 @@ def test_a_ring_beyond_the_limits_is_refused(
         (errno.EFBIG, r"a\.ring: larger than files may be; expected a higher limit \(ulimit -f\)"),
     ],
 )
-def test_a_full_file_system_is_an_error_at_once_and_leaves_nothing(
+def test_full_file_system_is_error_leaving_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, message: str
 ) -> None:
     def full(fd: int, offset: int, length: int) -> None:
@@ -407,7 +399,7 @@ def test_a_missing_ring_is_not_found(tmp_path: Path) -> None:
         RingReader(tmp_path / "no.ring")
 
 
-def test_a_folder_is_made_for_the_mirrors_of_a_platform(tmp_path: Path) -> None:
+def test_folder_is_made_for_mirrors_of_platform(tmp_path: Path) -> None:
     path = ring_file(tmp_path, "nav/pose", "uav3")
     assert path == tmp_path / "uav3" / "nav.pose.ring"
     with RingWriter(path, slots=4, slot_bytes=64) as writer:

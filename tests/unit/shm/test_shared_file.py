@@ -30,7 +30,7 @@ HOSTILE: list[tuple[Callable[[Path], None], str]] = [
 
 @pytest.mark.parametrize(("make", "reason"), HOSTILE)
 @pytest.mark.parametrize("flags", [os.O_RDONLY, os.O_RDWR, os.O_WRONLY])
-def test_what_is_no_small_file_is_refused_at_once(
+def test_unsuitable_file_is_refused_at_once(
     tmp_path: Path, make: Callable[[Path], None], reason: str, flags: int
 ) -> None:
     path = tmp_path / "x"
@@ -50,7 +50,7 @@ def test_what_lies_at_a_path_is_cleared_away(tmp_path: Path, make: Callable[[Pat
     assert Path("/etc/passwd").exists()
 
 
-def test_a_folder_with_content_keeps_it_under_another_name(tmp_path: Path) -> None:
+def test_folder_with_content_keeps_it_under_another_name(tmp_path: Path) -> None:
     path = tmp_path / "x.toml"
     full_folder(path)
     assert discard(path)
@@ -61,7 +61,7 @@ def test_a_folder_with_content_keeps_it_under_another_name(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("make", [make for make, _ in HOSTILE[:-1]])
-def test_the_own_file_takes_the_place_of_anything_else(tmp_path: Path, make: Callable[[Path], None]) -> None:
+def test_own_file_takes_place_of_anything_else(tmp_path: Path, make: Callable[[Path], None]) -> None:
     path = tmp_path / "x"
     make(path)
     fd = open_cleared(path, os.O_RDWR | os.O_CREAT)
@@ -70,7 +70,7 @@ def test_the_own_file_takes_the_place_of_anything_else(tmp_path: Path, make: Cal
     assert path.read_bytes() == b"ours"
 
 
-def test_a_missing_file_is_missing_and_a_small_one_is_opened(tmp_path: Path) -> None:
+def test_missing_file_is_missing_small_file_opens(tmp_path: Path) -> None:
     path = tmp_path / "x"
     with pytest.raises(FileNotFoundError):
         open_shared(path)

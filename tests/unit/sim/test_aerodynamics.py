@@ -61,7 +61,7 @@ def trim(speed: float, climb: float = 0.0) -> tuple[float, float, float]:
 
 @pytest.mark.parametrize("climb", [0.0, AIRCRAFT.limits.climb_max_m_s])
 @pytest.mark.parametrize("speed", ["min", "cruise", "max"])
-def test_level_flight_and_climb_are_in_trim_within_the_limits_of_the_servos(speed: str, climb: float) -> None:
+def test_flight_and_climb_trim_within_servo_limits(speed: str, climb: float) -> None:
     airspeed = getattr(AIRCRAFT.limits, f"airspeed_{speed}_m_s")
     alpha, elevator, throttle = trim(airspeed, climb)
     assert 0.0 < alpha < 0.6 * WING.stall_rad
@@ -69,7 +69,7 @@ def test_level_flight_and_climb_are_in_trim_within_the_limits_of_the_servos(spee
     assert 0.3 < throttle < 1.0
 
 
-def test_the_throttle_of_cruise_in_the_file_is_that_of_the_trim() -> None:
+def test_cruise_throttle_of_file_is_trim() -> None:
     limits = AIRCRAFT.limits
     level = trim(limits.airspeed_cruise_m_s)[2]
     climbing = trim(limits.airspeed_cruise_m_s, 2.0)[2]
@@ -77,7 +77,7 @@ def test_the_throttle_of_cruise_in_the_file_is_that_of_the_trim() -> None:
     assert (climbing - level) / 2.0 == pytest.approx(limits.throttle_climb_s_m, rel=0.1)
 
 
-def test_the_lift_falls_beyond_the_stall_and_the_drag_jumps() -> None:
+def test_lift_falls_beyond_stall_and_drag_jumps() -> None:
     angles = [step / 1000 for step in range(700)]
     lifts = [lift_coefficient(WING, alpha) for alpha in angles]
     best = angles[lifts.index(max(lifts))]
@@ -88,14 +88,14 @@ def test_the_lift_falls_beyond_the_stall_and_the_drag_jumps() -> None:
     assert lift_coefficient(WING, -0.5) == pytest.approx(-2 * math.sin(0.5) ** 2 * math.cos(0.5), abs=0.01)
 
 
-def test_the_stall_speed_of_the_airframe_is_that_of_the_largest_lift() -> None:
+def test_stall_speed_follows_from_largest_lift() -> None:
     most = max(lift_coefficient(WING, step / 1000) for step in range(400))
     stall = math.sqrt(2 * WEIGHT_N / (AIR_DENSITY_KG_M3 * WING.area_m2 * most))
     assert AIRCRAFT.stall_m_s == pytest.approx(stall, rel=0.05)
     assert AIRCRAFT.limits.airspeed_min_m_s > 1.15 * stall
 
 
-def test_without_power_it_glides_as_far_as_lift_over_drag() -> None:
+def test_unpowered_glide_follows_lift_over_drag() -> None:
     ratios = [lift_coefficient(WING, a / 100) / drag_coefficient(WING, a / 100) for a in range(20)]
     assert 12.0 < max(ratios) < 20.0
 
@@ -114,7 +114,7 @@ def lateral_rates(x: np.ndarray, speed: float, alpha: float) -> list[float]:
     ]
 
 
-def test_the_lateral_modes_are_dutch_roll_roll_and_a_slow_spiral() -> None:
+def test_lateral_modes_are_dutch_roll_and_spiral() -> None:
     speed = AIRCRAFT.limits.airspeed_cruise_m_s
     alpha = trim(speed)[0]
     step = 1e-5
@@ -156,7 +156,7 @@ def test_deflections_turn_about_their_axes(surfaces: Deflections, axis: int, sig
     assert sign * (with_it - without) > 1.0
 
 
-def test_a_side_slip_turns_the_nose_into_the_wind() -> None:
+def test_side_slip_turns_nose_into_wind() -> None:
     force, moment = air_loads(WING, AIRCRAFT.lateral, (22.0, 2.0, 1.0), STILL, STRAIGHT)
     assert force[1] < 0.0 and moment[2] > 0.0
 

@@ -56,7 +56,7 @@ def samples(
     return found
 
 
-def test_the_inertial_unit_has_the_rate_of_control_and_other_sensors_their_own() -> None:
+def test_inertial_unit_has_control_rate_others_own() -> None:
     found = samples(simulation(10.0), 1000, 2000)
     counts = [
         sum(getattr(output, name) is not None for output in found)
@@ -70,7 +70,7 @@ def test_a_faster_airframe_is_sampled_faster() -> None:
     assert flown.imu_hz == flown.output_hz == 200.0
 
 
-def test_disarmed_and_on_the_ground_it_is_sampled_at_the_rate_of_rest() -> None:
+def test_disarmed_grounded_vehicle_is_sampled_at_rest() -> None:
     flown = simulation()
     flown.on_order(ChassisOrder(2, ChassisAction.DISARM))
     samples(flown, 1000, 1500)
@@ -78,7 +78,7 @@ def test_disarmed_and_on_the_ground_it_is_sampled_at_the_rate_of_rest() -> None:
     assert len(found) == 5
 
 
-def test_the_inertial_unit_feels_the_turn_of_the_body_and_no_gravity_in_a_fall() -> None:
+def test_inertial_unit_feels_turn_but_no_fall() -> None:
     flown = simulation(20.0)
     lopsided = ActuatorOutputs((0.6, 0.65, 0.65, 0.6))
     last = samples(flown, 1000, 1300, lambda now_ns: flown.on_command(lopsided, now_ns - MS))[-1]
@@ -99,14 +99,14 @@ def test_outputs_that_are_too_old_stop_the_motors() -> None:
     assert fallen - held < -6.0
 
 
-def test_how_long_outputs_are_held_is_a_setting_of_the_airframe() -> None:
+def test_output_hold_time_is_airframe_setting() -> None:
     body = msgspec.structs.replace(FRAME.body, outputs_held_s=0.3)
     flown = simulation(30.0, frame=msgspec.structs.replace(FRAME, body=body))
     samples(flown, 1000, 1100, lambda now_ns: flown.on_command(HOVER, now_ns - MS))
     assert samples(flown, 1100, 1900)[-1].truth.vz_m_s < -3.0
 
 
-def test_in_a_stall_of_the_computer_the_world_goes_on_with_the_outputs_from_before() -> None:
+def test_stalled_computer_world_continues_with_last_outputs() -> None:
     flown = simulation(30.0)
     samples(flown, 1000, 1500, lambda now_ns: flown.on_command(HOVER, now_ns - MS))
     (after,) = samples(flown, 2400, 2410)
@@ -115,7 +115,7 @@ def test_in_a_stall_of_the_computer_the_world_goes_on_with_the_outputs_from_befo
     assert after.truth.vz_m_s == pytest.approx(-9.0, abs=1.5), "then the motors stop"
 
 
-def test_of_a_very_long_stall_only_its_begin_is_simulated_and_the_next_samples_are_in_time() -> None:
+def test_only_begin_of_long_stall_is_simulated() -> None:
     flown = simulation(48.0)
     flown.on_order(ChassisOrder(4, ChassisAction.KILL))
     samples(flown, 1000, 1010)

@@ -4,7 +4,7 @@ from swarmd.sim.config import BatteryConfig
 from swarmd.sim.core.simulation import Battery
 
 
-def test_energy_falls_by_what_is_drawn_and_never_below_nothing() -> None:
+def test_energy_falls_by_use_never_below_zero() -> None:
     config = BatteryConfig(capacity_wh=1.0, start_ratio=1.0)
     pack = Battery(config)
     pack.draw(1800.0, 1.0)

@@ -39,7 +39,7 @@ class Body:
 
 
 @pytest.mark.parametrize("seed", range(200))
-def test_reading_only_the_platforms_that_are_not_clear_finds_the_same_contacts_at_the_same_instants(
+def test_skipping_clear_platforms_finds_same_contacts(
     seed: int,
 ) -> None:
     chance = random.Random(seed)
@@ -56,7 +56,7 @@ def test_reading_only_the_platforms_that_are_not_clear_finds_the_same_contacts_a
         other.step(one)
 
 
-def test_a_platform_ten_metres_away_is_read_twice_a_second_at_most_and_a_close_one_each_time() -> None:
+def test_distant_platform_is_read_rarely_close_always() -> None:
     contacts = Contacts(RADIUS_M)
     here = Pose.planar(0.0, 0.0, 5.0, 0.0, (2.0, 0.0, 0.0))
     reads = dict.fromkeys(("far", "close"), 0)
@@ -72,7 +72,7 @@ def test_a_platform_ten_metres_away_is_read_twice_a_second_at_most_and_a_close_o
     assert reads["far"] <= 50 * STEP_S / 0.5
 
 
-def test_a_platform_of_which_nothing_comes_any_more_is_looked_for_again_and_forgotten() -> None:
+def test_silent_platform_is_sought_then_forgotten() -> None:
     contacts = Contacts(RADIUS_M)
     contacts.on_neighbour("uav2", Pose.planar(30.0, 0.0), 0)
     assert contacts.check(Pose.planar(0.0, 0.0), 0) == []

@@ -57,7 +57,7 @@ def nose_up(body: FlyingBody) -> float:
     return -to_euler((pose.qx, pose.qy, pose.qz, pose.qw))[1]
 
 
-def test_it_stands_on_its_rail_with_the_nose_up() -> None:
+def test_aircraft_stands_on_rail_nose_up() -> None:
     body = standing()
     run(body, CLOSED, 1.0)
     assert body.landed and speed(body) == 0.0
@@ -84,7 +84,7 @@ def test_full_throttle_launches_it_along_its_rail() -> None:
     assert abs(body.pose().y_m) < 0.1
 
 
-def test_a_disarmed_one_stays_and_one_that_is_killed_glides_down() -> None:
+def test_disarmed_aircraft_stays_killed_one_glides() -> None:
     body = standing()
     body.armed = False
     run(body, OPEN, 1.0)
@@ -98,7 +98,7 @@ def test_a_disarmed_one_stays_and_one_that_is_killed_glides_down() -> None:
     assert way > height, "it has wings"
 
 
-def test_after_a_touch_down_it_slides_to_rest_and_can_be_launched_again() -> None:
+def test_landed_aircraft_slides_to_rest_and_relaunches() -> None:
     body = standing()
     run(body, OPEN, 0.6)
     run_down(body, CLOSED)

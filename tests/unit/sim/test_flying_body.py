@@ -50,7 +50,7 @@ def fly(flown: FlyingBody, outputs: ActuatorOutputs, duration_s: float) -> float
 
 
 @BOTH
-def test_less_than_the_weight_leaves_it_on_the_ground_and_more_lifts_it(name: str) -> None:
+def test_thrust_above_weight_lifts_vehicle(name: str) -> None:
     flown = vehicle(name)
     fly(flown, hover(frame(name), 0.98), 2.0)
     assert flown.landed
@@ -60,7 +60,7 @@ def test_less_than_the_weight_leaves_it_on_the_ground_and_more_lifts_it(name: st
 
 
 @BOTH
-def test_the_thrust_of_hover_carries_it_once_the_rotors_turn(name: str) -> None:
+def test_thrust_of_hover_carries_it_once_rotors_turn(name: str) -> None:
     flown = vehicle(name, 50.0)
     tau_s = frame(name).motor.tau_s
     fly(flown, hover(frame(name)), 5 * tau_s)
@@ -87,7 +87,7 @@ def test_stronger_rotors_turn_the_body(stronger: tuple[int, int], roll: int, pit
         assert (found < -0.05) == (sign < 0)
 
 
-def test_the_speed_of_a_rotor_follows_its_output_with_the_time_constant() -> None:
+def test_rotor_speed_follows_output_with_time_constant() -> None:
     airframe = frame()
     rotors = MultirotorRotors(airframe)
     body = RigidBody(1.5, airframe.body.inertia_kg_m2, CALM, 0.0)
@@ -103,7 +103,7 @@ def test_outputs_beyond_their_range_are_limited() -> None:
     assert force[2] == pytest.approx(2 * airframe.motor.thrust_max_n)
 
 
-def test_the_wind_carries_a_hovering_vehicle_until_it_is_as_fast() -> None:
+def test_wind_carries_hovering_vehicle_along() -> None:
     flown = vehicle(height_m=100.0, wind=(3.0, -1.0, 0.0))
     fly(flown, hover(frame()), 1.0)
     soon = flown.pose()
@@ -122,7 +122,7 @@ def test_a_turn_is_damped_by_the_air() -> None:
     assert moment == pytest.approx((-0.003, 0.0, 0.004))
 
 
-def test_a_vehicle_whose_motors_are_off_falls_and_the_impact_is_a_collision() -> None:
+def test_falling_vehicle_collides_on_impact() -> None:
     flown = vehicle(height_m=5.0)
     fly(flown, hover(frame()), 0.5)
     flown.armed = False
@@ -132,7 +132,7 @@ def test_a_vehicle_whose_motors_are_off_falls_and_the_impact_is_a_collision() ->
     assert flown.rates() == (0.0, 0.0, 0.0)
 
 
-def test_a_soft_landing_is_no_collision_and_one_on_the_side_is() -> None:
+def test_soft_landing_is_no_collision_unlike_tipped() -> None:
     soft = vehicle(height_m=0.05)
     assert fly(soft, hover(frame(), 0.9), 2.0) == 0.0
     assert soft.landed
@@ -154,7 +154,7 @@ def test_at_an_obstacle_it_stops_with_its_attitude() -> None:
     assert (after.qx, after.qw) == (before.qx, before.qw)
 
 
-def test_gusts_have_the_configured_strength_and_duration_about_the_mean() -> None:
+def test_gusts_have_configured_strength_and_duration_about_mean() -> None:
     wind = GustyWind(
         WindConfig(mean_m_s=(2.0, 0.0, 0.0), gust_sigma_m_s=1.5, gust_tau_s=2.0), random.Random(3).gauss
     )

@@ -66,7 +66,7 @@ def test_constant_speeds_drive_a_circle() -> None:
     assert math.dist((begin.x_m, begin.y_m), (end.x_m, end.y_m)) < 0.05
 
 
-def test_acceleration_is_felt_forward_and_towards_the_middle_of_a_turn() -> None:
+def test_acceleration_is_felt_forward_and_centripetal() -> None:
     vehicle = ground()
     vehicle.step(Setpoint(3.0), DT)
     assert vehicle.specific_force() == pytest.approx((2.0, 0.0, GRAVITY_M_S2))

@@ -43,7 +43,7 @@ class Hung:
         return found
 
 
-def test_the_derivatives_of_the_file_are_the_published_ones_scaled_to_its_mass() -> None:
+def test_file_derivatives_scale_published_ones() -> None:
     wanted = froude(AIRFRAME.body.mass_kg)
     for name in PUBLISHED:
         assert getattr(AIRFRAME.derivatives, name) == pytest.approx(getattr(wanted, name), rel=2e-3), name
@@ -52,7 +52,7 @@ def test_the_derivatives_of_the_file_are_the_published_ones_scaled_to_its_mass()
     assert AIRFRAME.rotor.tip_speed_m_s == pytest.approx(R50_TIP_M_S / n**0.5, rel=2e-3)
 
 
-def test_the_collective_that_the_controller_computes_carries_the_weight() -> None:
+def test_collective_that_controller_computes_carries_weight() -> None:
     hover = AIRFRAME.collective(WEIGHT_N)
     force, _ = Hung().run((0.0, 0.0, hover, 0.0), 8.0)
     assert force[2] == pytest.approx(WEIGHT_N, rel=0.02)
@@ -61,7 +61,7 @@ def test_the_collective_that_the_controller_computes_carries_the_weight() -> Non
 @pytest.mark.parametrize(
     ("servo", "axis"), [(0, 0), (1, 1), (3, 2)], ids=["roll right", "nose down", "nose left"]
 )
-def test_servos_turn_it_about_the_axes_forward_left_and_up(servo: int, axis: int) -> None:
+def test_servos_turn_about_forward_left_and_up(servo: int, axis: int) -> None:
     def moment(position: float) -> float:
         servos = [0.0, 0.0, AIRFRAME.collective(WEIGHT_N), 0.0]
         servos[servo] = position
@@ -76,14 +76,14 @@ def test_a_disc_that_tilts_forward_pulls_forward() -> None:
     assert force[0] > 1.0 and moment[1] > 0.0
 
 
-def test_wind_from_ahead_pushes_back_and_lifts_the_nose() -> None:
+def test_wind_from_ahead_pushes_back_and_lifts_nose() -> None:
     hover = (0.0, 0.0, AIRFRAME.collective(WEIGHT_N), 0.0)
     force, moment = Hung().run(hover, 8.0, air=(5.0, 0.0, 0.0))
     assert force[0] < -1.0
     assert moment[1] > 0.0, "m_u of the source: the nose goes down with forward speed"
 
 
-def test_the_rotor_takes_its_time_to_turn_and_to_stop_and_carries_nothing_at_rest() -> None:
+def test_rotor_turns_slowly_and_lifts_only_spinning() -> None:
     hung = Hung()
     hover = (0.0, 0.0, AIRFRAME.collective(WEIGHT_N), 0.0)
     early, _ = hung.run(hover, 0.3)
@@ -95,7 +95,7 @@ def test_the_rotor_takes_its_time_to_turn_and_to_stop_and_carries_nothing_at_res
     assert hung.rotors.power_w() == pytest.approx(AIRFRAME.idle_w, abs=1.0)
 
 
-def test_hovering_takes_the_power_of_momentum_theory_and_of_the_blades() -> None:
+def test_hover_power_is_momentum_plus_blades() -> None:
     hung = Hung()
     hung.run((0.0, 0.0, AIRFRAME.collective(WEIGHT_N), 0.0), 8.0)
     ideal_w = WEIGHT_N * 4.02

@@ -45,7 +45,7 @@ def modes(f: Callable[[list[float]], list[float]], size: int) -> list[complex]:
     return sorted(np.linalg.eigvals(matrix), key=abs)
 
 
-def test_the_modes_are_those_of_a_small_helicopter_in_hover() -> None:
+def test_modes_are_those_of_small_helicopter_in_hover() -> None:
     """Modes: a slow unstable mode that a controller must damp, and fast stable modes of rotor and
     fuselage."""
     found = modes(slope, 10)
@@ -63,7 +63,7 @@ def test_the_modes_are_those_of_a_small_helicopter_in_hover() -> None:
     assert all(0.3 < -math.cos(cmath.phase(value)) < 1.0 for value in fast)
 
 
-def test_a_smaller_helicopter_is_faster_by_the_root_of_its_scale() -> None:
+def test_smaller_helicopter_is_faster_by_root_scale() -> None:
     big, small = froude(44.0), ARTIS
     n = scale(14.0)
     assert big.l_b == PUBLISHED["l_b"]
@@ -83,13 +83,13 @@ def spun(
     return rates
 
 
-def test_controls_act_about_their_axes_with_the_signs_of_the_source() -> None:
+def test_controls_act_about_axes_with_source_signs() -> None:
     assert spun(lateral=0.1)[0] > 0.1
     assert spun(longitudinal=0.1)[1] < -0.1
     assert spun(pedal=0.1)[2] > 0.1
 
 
-def test_the_rate_of_roll_settles_at_control_over_the_lag_of_flapping() -> None:
+def test_roll_rate_settles_at_control_over_lag() -> None:
     only = {"a_b": 0.0, "b_a": 0.0, "a_lat": 0.0, "b_lon": 0.0}
     model, p = HoverDynamics(type(ARTIS)(**{**{f: getattr(ARTIS, f) for f in PUBLISHED}, **only})), 0.0
     for _ in range(round(1.0 / DT)):
@@ -98,7 +98,7 @@ def test_the_rate_of_roll_settles_at_control_over_the_lag_of_flapping() -> None:
     assert p == pytest.approx(0.2 * ARTIS.b_lat / ARTIS.tau_f_s, rel=0.02)
 
 
-def test_the_gyro_takes_away_pedal_while_the_tail_swings() -> None:
+def test_gyro_takes_away_pedal_while_tail_swings() -> None:
     model = HoverDynamics(ARTIS)
     for _ in range(round(1.0 / DT)):
         model.flap(0.0, 0.0, (0.0, 0.0, 1.0), DT)

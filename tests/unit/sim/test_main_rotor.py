@@ -39,14 +39,14 @@ def hover_collective() -> float:
 HOVER = hover_collective()
 
 
-def test_in_hover_the_inflow_is_that_of_momentum_theory() -> None:
+def test_hover_inflow_matches_momentum_theory() -> None:
     rotor = settled(HOVER)
     area = math.pi * CONFIG.radius_m**2
     assert rotor.inflow_m_s == pytest.approx(math.sqrt(WEIGHT_N / (2 * AIR_DENSITY_KG_M3 * area)), rel=0.01)
     assert rotor.thrust_n == pytest.approx(WEIGHT_N, rel=1e-3)
 
 
-def test_vertical_control_and_damping_agree_with_those_identified_in_flight() -> None:
+def test_vertical_control_and_damping_match_flight_data() -> None:
     """The geometry reproduces the measurements of the R-50's flights, scaled to this mass."""
     small = 1e-3
     control = (settled(HOVER + small).thrust_n - settled(HOVER - small).thrust_n) / (2 * small) / MASS_KG
@@ -69,7 +69,7 @@ def test_flow_and_ground_change_the_thrust(along: float, climb: float, height: f
     assert (settled(HOVER, along, climb, height).thrust_n > 1.02 * WEIGHT_N) is more
 
 
-def test_forward_flight_takes_less_power_than_hover_at_equal_thrust() -> None:
+def test_forward_flight_takes_less_power_than_hover() -> None:
     low, high = -1.0, HOVER
     for _ in range(50):
         middle = (low + high) / 2
@@ -84,7 +84,7 @@ def test_the_blades_stall_at_the_maximum_thrust() -> None:
     assert settled(-1.0).thrust_n < 0.0
 
 
-def test_at_half_its_speed_a_rotor_does_not_carry_and_at_rest_it_gives_nothing() -> None:
+def test_slow_rotor_does_not_carry() -> None:
     rotor = MainRotor(CONFIG)
     for _ in range(100):
         rotor.step(HOVER, 0.0, 0.0, HIGH_M, 0.5)

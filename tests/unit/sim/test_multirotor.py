@@ -22,7 +22,7 @@ def run(vehicle: Multirotor, wanted: Setpoint, seconds: float) -> list[float]:
     return [vehicle.step(wanted, DT) for _ in range(round(seconds / DT))]
 
 
-def test_a_small_step_of_velocity_is_answered_with_the_time_constant() -> None:
+def test_velocity_step_is_answered_with_time_constant() -> None:
     vehicle = flying()
     run(vehicle, Setpoint(1.0), LIMITS.tau_s)
     assert vehicle.pose().vx_m_s == pytest.approx(1 - math.exp(-1), abs=0.02)
@@ -30,7 +30,7 @@ def test_a_small_step_of_velocity_is_answered_with_the_time_constant() -> None:
     assert vehicle.pose().vx_m_s == pytest.approx(1.0, abs=0.001)
 
 
-def test_a_large_step_is_limited_by_acceleration_and_speed() -> None:
+def test_large_step_is_limited_by_acceleration_and_speed() -> None:
     vehicle = flying()
     run(vehicle, Setpoint(100.0), 0.5)
     assert vehicle.pose().vx_m_s == pytest.approx(LIMITS.a_max_m_s2 * 0.5, rel=0.01)
@@ -53,7 +53,7 @@ def test_climb_and_sink_have_their_own_limits() -> None:
     assert down.pose().vz_m_s == pytest.approx(-LIMITS.sink_max_m_s, rel=0.01)
 
 
-def test_only_an_armed_vehicle_that_is_told_to_climb_leaves_the_ground() -> None:
+def test_only_armed_climbing_vehicle_leaves_ground() -> None:
     vehicle = Multirotor(LIMITS, Pose.planar(1.0, 2.0))
     run(vehicle, Setpoint(0.0, 0.0, 1.0), 1.0)
     assert vehicle.pose().z_m == 0.0
@@ -73,7 +73,7 @@ def test_a_soft_landing_is_no_impact() -> None:
     assert vehicle.pose().z_m == 0.0
 
 
-def test_a_hard_landing_is_an_impact_with_its_speed() -> None:
+def test_hard_landing_is_impact_with_its_speed() -> None:
     vehicle = flying(5.0)
     impacts = [speed for speed in run(vehicle, Setpoint(0.0, 0.0, -2.0), 5.0) if speed > 0]
     assert impacts == [pytest.approx(2.0, abs=0.05)]
@@ -94,7 +94,7 @@ def test_yaw_follows_its_rate() -> None:
     assert vehicle.pose().yaw_rad == pytest.approx(0.5 * (3.0 - LIMITS.w_tau_s), abs=0.02)
 
 
-def test_hovering_draws_more_than_standing_and_flying_more_than_hovering() -> None:
+def test_power_grows_from_standing_to_flying() -> None:
     standing = Multirotor(LIMITS, Pose.planar(0.0, 0.0)).power_w()
     vehicle = flying()
     hovering = vehicle.power_w()

@@ -18,7 +18,7 @@ def pulses(folder: Path, number: int, width_us: float, *, enabled: bool = True) 
     (channel / "enable").write_text(f"{int(enabled)}\n")
 
 
-def test_motors_follow_the_width_of_their_pulses_and_stand_without_any(tmp_path: Path) -> None:
+def test_motors_follow_pulses_and_stop_without(tmp_path: Path) -> None:
     inputs = PulseInputs(tmp_path, load_airframe(SHARE, "quad_1k5"))
     assert inputs.outputs() == ActuatorOutputs((0.0,) * 4)
     for number, width_us in enumerate((1000, 1500, 2000, 2400)):
@@ -31,7 +31,7 @@ def test_motors_follow_the_width_of_their_pulses_and_stand_without_any(tmp_path:
     assert not (tmp_path / "pwmchip0").exists(), "unplugged"
 
 
-def test_servos_of_a_helicopter_follow_and_stay_in_their_centre_without_pulses(tmp_path: Path) -> None:
+def test_helicopter_servos_follow_and_centre_without_pulses(tmp_path: Path) -> None:
     inputs = PulseInputs(tmp_path, load_airframe(SHARE, "helicopter"))
     assert inputs.outputs() == ActuatorOutputs((0.0,), (0.0,) * 4)
     for number, width_us in enumerate((2000, 1000, 1250, 1500, 2600)):
@@ -40,6 +40,6 @@ def test_servos_of_a_helicopter_follow_and_stay_in_their_centre_without_pulses(t
     inputs.close()
 
 
-def test_a_fixed_wing_is_refused_because_no_driver_has_its_pulses(tmp_path: Path) -> None:
+def test_fixed_wing_pulses_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"serial\.folder: a fixed wing has no PWM driver"):
         PulseInputs(tmp_path, load_airframe(SHARE, "fixed_wing"))

@@ -25,7 +25,7 @@ def test_a_body_without_forces_falls_and_feels_nothing() -> None:
     assert falling.specific_force_m_s2 == NONE
 
 
-def test_a_force_forward_accelerates_to_where_the_nose_points() -> None:
+def test_force_forward_accelerates_to_where_nose_points() -> None:
     pushed = RigidBody(2.0, (0.02, 0.03, 0.05), NONE, math.pi / 2)
     for _ in range(400):
         pushed.step((4.0, 0.0, 2.0 * GRAVITY_M_S2), NONE, DT_S)
@@ -33,7 +33,7 @@ def test_a_force_forward_accelerates_to_where_the_nose_points() -> None:
     assert pushed.position_m == pytest.approx((0.0, 1.0, 0.0), abs=1e-9)
 
 
-def test_a_moment_turns_by_the_inertia_of_its_axis() -> None:
+def test_moment_turns_by_inertia_of_its_axis() -> None:
     for axis, inertia in enumerate((0.02, 0.03, 0.05)):
         turned = body()
         moment = [0.0, 0.0, 0.0]
@@ -44,7 +44,7 @@ def test_a_moment_turns_by_the_inertia_of_its_axis() -> None:
         assert turned.angles_rad()[axis] == pytest.approx(0.005 / inertia, rel=0.01)
 
 
-def test_angular_momentum_and_energy_of_a_free_tumbling_body_stay() -> None:
+def test_tumbling_body_keeps_momentum_and_energy() -> None:
     tumbling = body()
     tumbling.rates_rad_s = (1.0, 2.0, 0.5)
 
@@ -63,7 +63,7 @@ def test_angular_momentum_and_energy_of_a_free_tumbling_body_stay() -> None:
     assert energy() == pytest.approx(then, rel=0.02)
 
 
-def test_a_turn_about_the_middle_axis_does_not_stay_one() -> None:
+def test_turn_about_middle_axis_does_not_stay_one() -> None:
     # intermediate axis theorem
     flipping = body()
     flipping.rates_rad_s = (0.001, 5.0, 0.0)
@@ -74,7 +74,7 @@ def test_a_turn_about_the_middle_axis_does_not_stay_one() -> None:
     assert min(middle) < -4.5
 
 
-def test_a_body_at_rest_feels_gravity_in_its_own_axes() -> None:
+def test_resting_body_feels_gravity_in_own_axes() -> None:
     resting = body()
     resting.step(NONE, (0.5, 0.0, 0.0), 0.1)
     roll = resting.angles_rad()[0]

@@ -72,7 +72,7 @@ def test_the_inertial_unit_feels_gravity_rate_and_heading() -> None:
     assert stdev(s.wz_rad_s for s in samples) == pytest.approx(0.01, rel=0.2)
 
 
-def test_the_scan_sees_the_tree_and_no_echo_is_the_greatest_distance() -> None:
+def test_scan_sees_tree_and_clear_is_maximum() -> None:
     scan = sensors().scan(Pose.planar(0.0, 0.0), 0.3)
     assert len(scan.ranges_m) == 72
     assert scan.angle_min_rad == -math.pi
@@ -82,13 +82,13 @@ def test_the_scan_sees_the_tree_and_no_echo_is_the_greatest_distance() -> None:
     assert sensors().scan(Pose.planar(0.0, 0.0, 5.0), 5.0).ranges_m == (scan.max_m,) * 72
 
 
-def test_some_echoes_of_the_sonar_come_from_somewhere_else() -> None:
+def test_some_echoes_of_sonar_come_from_somewhere_else() -> None:
     errors = sensors(1, SensorsConfig(sonar_outliers_ratio=0.1))
     far = sum(abs(errors.sonar(2.0).ranges_m[0] - 2.0) > 0.2 for _ in range(1000))
     assert 50 < far < 130
     assert errors.sonar(50.0).ranges_m[0] <= 6.45
 
 
-def test_every_platform_draws_its_own_numbers_and_the_same_ones_again() -> None:
+def test_every_platform_draws_own_repeatable_numbers() -> None:
     assert sensors(7).gnss(TRUTH, 0.1) == sensors(7).gnss(TRUTH, 0.1)
     assert sensors(7).gnss(TRUTH, 0.1) != sensors(8).gnss(TRUTH, 0.1)

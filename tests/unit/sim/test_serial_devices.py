@@ -35,7 +35,7 @@ def reports(outputs: list[SerialOutput]) -> list[Telemetry]:
     return [telemetry(body) for body in frame_decoder().feed(sent(outputs, SerialDevice.CHASSIS))]
 
 
-def test_each_measurement_is_sent_in_the_protocol_of_its_device() -> None:
+def test_each_measurement_uses_protocol_of_device() -> None:
     devices = SerialDevices(0.5)
     sonar = Range(0.0, 0.0, 6.45, (2.125,))
     out = devices.on_output(
@@ -52,7 +52,7 @@ def test_each_measurement_is_sent_in_the_protocol_of_its_device() -> None:
     assert reports(out) == [], "the chassis has not reported yet"
 
 
-def test_the_unit_measures_roll_and_pitch_of_the_vehicle() -> None:
+def test_unit_measures_roll_and_pitch_of_vehicle() -> None:
     qx, qy, qz, qw = from_euler(0.1, -0.2, 1.25)
     tilted = Pose(0.0, 0.0, qx=qx, qy=qy, qz=qz, qw=qw)
     out = SerialDevices(0.5).on_output(SimulationOutput(NOW, tilted, imu=IMU), VehicleMode.AUTO)
@@ -60,11 +60,11 @@ def test_the_unit_measures_roll_and_pitch_of_the_vehicle() -> None:
     assert [imu.roll_rad, imu.pitch_rad, imu.yaw_rad] == pytest.approx([0.1, -0.2, 1.25])
 
 
-def test_a_measurement_that_is_not_due_is_not_sent() -> None:
+def test_measurement_that_is_not_due_is_not_sent() -> None:
     assert SerialDevices(0.5).on_output(SimulationOutput(NOW, Pose(0.0, 0.0)), VehicleMode.AUTO) == []
 
 
-def test_the_chassis_reports_every_tenth_of_a_second_and_at_once_after_an_order() -> None:
+def test_chassis_reports_periodically_and_after_orders() -> None:
     devices = SerialDevices(0.5)
     battery = BatteryState(24.5, 8.0, 0.75)
 
@@ -81,13 +81,13 @@ def test_the_chassis_reports_every_tenth_of_a_second_and_at_once_after_an_order(
     assert at(150) == []
 
 
-def test_the_receiver_reports_its_link_with_the_battery_once_a_second() -> None:
+def test_receiver_reports_its_link_with_battery_once_second() -> None:
     output = SimulationOutput(NOW, Pose(0.0, 0.0), battery=BatteryState(24.5, 8.0, 0.75))
     out = SerialDevices(0.5).on_output(output, VehicleMode.AUTO)
     assert list(CrsfDecoder().feed(sent(out, SerialDevice.RC))) == [RcLink(1.0)]
 
 
-def test_set_points_end_the_fail_safe_and_orders_are_passed_on() -> None:
+def test_set_points_end_fail_safe_orders_pass() -> None:
     devices = SerialDevices(0.5)
     order = ChassisOrder(9, ChassisAction.ARM)
     data = order_frame(order) + setpoint_frame(Setpoint(1.0, 0.0, 0.5, 0.0)) + framed(b"\x55") + b"\x02"

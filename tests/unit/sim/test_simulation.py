@@ -50,7 +50,7 @@ class Run:
         return [hit.other for sample in self.samples for hit in sample.collisions]
 
 
-def test_samples_lie_at_fixed_instants_however_late_the_calls_are() -> None:
+def test_samples_lie_at_fixed_instants() -> None:
     run = Run()
     run.simulation.advance(run.now_ns)
     run.simulation.on_arm(True)
@@ -68,9 +68,7 @@ def test_samples_lie_at_fixed_instants_however_late_the_calls_are() -> None:
 
 @pytest.mark.parametrize("armed", [False, True])
 @pytest.mark.parametrize("begin_ns", [5_013_000_000, -7_123_456_789, 60_000_000])
-def test_each_sensor_is_sampled_at_multiples_of_its_period_when_its_driver_reads_it_also_after_a_stall(
-    begin_ns: int, armed: bool
-) -> None:
+def test_each_sensor_is_sampled_at_its_multiples(begin_ns: int, armed: bool) -> None:
     run = Run("uav")
     run.now_ns = begin_ns
     simulation = run.simulation
@@ -95,7 +93,7 @@ def test_each_sensor_is_sampled_at_multiples_of_its_period_when_its_driver_reads
 
 
 @pytest.mark.parametrize("kind", ["ugv", "uav", "usv"])
-def test_a_parked_vehicle_is_sampled_only_with_its_sensors_and_each_keeps_its_rate(kind: str) -> None:
+def test_parked_vehicle_is_sampled_with_sensors_only(kind: str) -> None:
     run = Run(kind)
     simulation = run.simulation
     begin_ns = run.now_ns
@@ -116,7 +114,7 @@ def test_a_parked_vehicle_is_sampled_only_with_its_sensors_and_each_keeps_its_ra
 
 
 @pytest.mark.parametrize("kind", ["ugv", "uav", "usv"])
-def test_a_moving_vehicle_wakes_with_its_sensors_which_share_instants(kind: str) -> None:
+def test_moving_vehicle_wakes_at_shared_sensor_instants(kind: str) -> None:
     run = Run(kind)
     simulation = run.simulation
     simulation.advance(run.now_ns)
@@ -135,7 +133,7 @@ def test_a_moving_vehicle_wakes_with_its_sensors_which_share_instants(kind: str)
     assert all(stamp_ns % 50_000_000 == 0 for stamp_ns in stamps)
 
 
-def test_a_vehicle_in_the_air_is_not_at_rest_with_its_motors_off() -> None:
+def test_flying_vehicle_without_motors_is_not_resting() -> None:
     run = Run("uav", start=Pose.planar(0.0, 0.0, 5.0))
     run.go(0.1)
     deadline_ns = run.simulation.deadline_ns()
@@ -144,14 +142,14 @@ def test_a_vehicle_in_the_air_is_not_at_rest_with_its_motors_off() -> None:
     assert deadline_ns <= run.now_ns + 2 * STEP_NS
 
 
-def test_set_points_that_each_come_with_a_sample_are_followed() -> None:
+def test_set_points_with_each_sample_are_followed() -> None:
     run = Run()
     run.simulation.on_arm(True)
     run.go(3.0, Setpoint(1.0))
     assert run.samples[-1].truth.x_m > 1.5
 
 
-def test_a_set_point_acts_from_its_own_instant_however_late_the_call_is() -> None:
+def test_set_point_acts_from_its_own_instant() -> None:
     late, often = Run(), Run()
     for run, pause in ((late, 40), (often, 1)):
         run.go(0.1)
@@ -167,7 +165,7 @@ def test_a_set_point_acts_from_its_own_instant_however_late_the_call_is() -> Non
     assert late.samples[-1].truth == often.samples[-1].truth
 
 
-def test_a_parked_vehicle_that_somebody_moves_is_simulated_again() -> None:
+def test_parked_vehicle_moved_by_hand_is_simulated() -> None:
     run = Run("uav").go(1.0)
     simulation = run.simulation
     simulation.vehicle.stop_at(1.0, 2.0, 3.0)
@@ -204,7 +202,7 @@ def test_a_vehicle_that_drives_has_no_sonar() -> None:
     assert all(s.sonar is None for s in Run("ugv").go(1.0).samples)
 
 
-def test_the_state_is_told_when_it_changes_and_once_a_second() -> None:
+def test_state_is_published_on_change_and_periodically() -> None:
     run = Run().go(0.1)
     run.simulation.on_arm(True)
     run.go(2.4)
@@ -212,7 +210,7 @@ def test_the_state_is_told_when_it_changes_and_once_a_second() -> None:
     assert [state.armed for state in told] == [False, True, True, True]
 
 
-def test_an_empty_battery_refuses_to_arm_with_the_reason() -> None:
+def test_empty_battery_refuses_to_arm_with_reason() -> None:
     run = Run(config=Config(battery=BatteryConfig(start_ratio=0.1)))
     with pytest.raises(Denied, match="battery at 10%, expected at least 15%"):
         run.simulation.on_arm(True)
@@ -243,7 +241,7 @@ def test_without_set_points_the_vehicle_stops() -> None:
     assert run.samples[-1].truth.vx_m_s == 0.0
 
 
-def test_what_is_hit_does_not_yield_and_is_told_once() -> None:
+def test_obstacle_does_not_yield_and_is_reported() -> None:
     run = Run()
     run.simulation.on_arm(True)
     run.go(6.0, Setpoint(1.0))
@@ -257,7 +255,7 @@ def test_what_is_hit_does_not_yield_and_is_told_once() -> None:
     assert run.hits == ["boulder", "boulder"]
 
 
-def test_a_vehicle_above_an_obstacle_does_not_touch_it() -> None:
+def test_vehicle_above_obstacle_does_not_touch_it() -> None:
     run = Run("uav", start=Pose.planar(0.0, 0.0, 2.0))
     run.simulation.vehicle.armed = True
     run.go(5.0, Setpoint(1.0))
@@ -291,7 +289,7 @@ def test_a_long_stall_is_not_simulated_afterwards() -> None:
     assert 0 <= run.now_ns - run.samples[-1].stamp_ns < STEP_NS
 
 
-def test_a_kill_stops_the_motors_in_the_air_and_the_vehicle_falls() -> None:
+def test_kill_stops_motors_in_air_and_vehicle_falls() -> None:
     run = Run("uav")
     run.simulation.on_arm(True)
     run.go(4, Setpoint(0.0, 0.0, 1.5))

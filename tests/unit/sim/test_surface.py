@@ -48,7 +48,7 @@ def test_limits_hold_whatever_is_asked() -> None:
     assert made.pose().z_m == 0.0
 
 
-def test_a_turn_at_speed_slips_outwards_and_the_slip_dies_away() -> None:
+def test_fast_turn_slips_outwards_and_decays() -> None:
     made = vessel()
     go(made, Setpoint(2.0), 5.0)
     assert made.state.surge_m_s == pytest.approx(2.0, abs=0.01)
@@ -59,7 +59,7 @@ def test_a_turn_at_speed_slips_outwards_and_the_slip_dies_away() -> None:
     assert made.state.sway_m_s == pytest.approx(0.0, abs=0.01)
 
 
-def test_the_position_is_the_sum_of_what_the_pose_states_as_velocity() -> None:
+def test_position_is_integral_of_stated_velocity() -> None:
     made, x_m, y_m = vessel(), 0.0, 0.0
     for _ in range(500):
         heading = made.state.yaw_rad
@@ -80,7 +80,7 @@ def test_without_power_it_drifts_to_a_standstill() -> None:
 
 @pytest.mark.parametrize("world", sorted(path.stem for path in (share_dir() / "worlds").glob("*.toml")))
 @pytest.mark.parametrize("kind", ["uav", "ugv", "usv"])
-def test_every_vehicle_has_a_place_to_start_in_every_world(world: str, kind: str) -> None:
+def test_every_vehicle_has_start_in_every_world(world: str, kind: str) -> None:
     found = load(share_dir() / "worlds" / f"{world}.toml", World)
     poses = [found.start_pose(kind, number) for number in range(1, 6)]
     for pose in poses:
@@ -94,7 +94,7 @@ def test_what_has_no_body_is_not_simulated() -> None:
         model(Config(), PlatformKind.GCS, Pose.planar(0.0, 0.0))
 
 
-def test_a_current_carries_it_at_rest_and_adds_to_its_own_speed() -> None:
+def test_current_carries_and_adds_to_own_speed() -> None:
     limits = SurfaceLimits(current_m_s=(0.3, -0.4))
     drifting = Surface(limits, Pose.planar(0.0, 0.0))
     for _ in range(100):

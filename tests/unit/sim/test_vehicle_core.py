@@ -56,14 +56,14 @@ class Rig:
         return [action for action in self.actions if isinstance(action, PublishOutput)]
 
 
-def test_it_begins_at_once_and_reads_its_inputs_before_each_sample() -> None:
+def test_vehicle_begins_at_once_reading_inputs_first() -> None:
     rig = Rig()
     rig.time.run_for(1.0)
     assert [type(action) for action in rig.actions[:4]] == [ReadBoards, PublishOutput] * 2
     assert len(rig.outputs()) == pytest.approx(Config().sensors.rest_hz, abs=2), "it rests"
 
 
-def test_neighbours_are_read_at_the_rate_of_collision_checks_and_a_contact_is_published() -> None:
+def test_neighbours_are_read_at_check_rate() -> None:
     rig = Rig()
     rig.order(ChassisAction.ARM)
     rig.setpoint = Setpoint(0.5)
@@ -75,7 +75,7 @@ def test_neighbours_are_read_at_the_rate_of_collision_checks_and_a_contact_is_pu
     assert "ugv2" in hits
 
 
-def test_a_request_to_the_motors_is_published_and_the_next_sample_comes_at_the_rate_of_a_moving_one() -> None:
+def test_motor_request_is_published_and_hastens_sample() -> None:
     rig = Rig()
     rig.time.run_for(2.0)
     assert rig.order(ChassisAction.ARM).armed
@@ -89,7 +89,7 @@ def test_a_request_to_the_motors_is_published_and_the_next_sample_comes_at_the_r
     )
 
 
-def test_a_killed_vehicle_is_published_as_disarmed_and_a_refusal_changes_nothing() -> None:
+def test_killed_vehicle_is_disarmed_refusal_changes_nothing() -> None:
     rig = Rig("uav")
     rig.order(ChassisAction.ARM)
     rig.setpoint = Setpoint(0.0, 0.0, 2.0)
@@ -101,7 +101,7 @@ def test_a_killed_vehicle_is_published_as_disarmed_and_a_refusal_changes_nothing
     assert (killed.armed, killed.refused) == (False, "")
 
 
-def test_a_repeated_order_is_executed_once_and_answered_again() -> None:
+def test_repeated_order_is_executed_once_and_answered_again() -> None:
     rig = Rig()
     rig.order(ChassisAction.ARM, 7)
     disarmed = rig.order(ChassisAction.DISARM, 8)
@@ -109,7 +109,7 @@ def test_a_repeated_order_is_executed_once_and_answered_again() -> None:
 
 
 @pytest.mark.parametrize("kind", ["ugv", "uav"])
-def test_only_a_vehicle_at_rest_is_calibrated_and_an_unknown_order_is_refused_by_name(kind: str) -> None:
+def test_only_resting_vehicle_is_calibrated(kind: str) -> None:
     rig = Rig(kind)
     assert rig.order(ChassisAction.CALIBRATE).refused == ""
     rig.order(ChassisAction.ARM)

@@ -63,7 +63,7 @@ def test_contradictions_are_refused_with_path_and_expectation(
         Resource(**fields)  # type: ignore[arg-type]
 
 
-def test_a_descriptor_from_the_wire_that_contradicts_itself_is_a_validation_error() -> None:
+def test_contradictory_descriptor_from_wire_is_invalid() -> None:
     with pytest.raises(msgspec.ValidationError, match="type of a: missing"):
         msgspec.msgpack.decode(msgspec.msgpack.encode({"path": "a"}), type=Resource)
 
@@ -74,7 +74,7 @@ def test_a_descriptor_survives_messagepack_and_toml() -> None:
     assert msgspec.convert(msgspec.to_builtins(resource), Resource) == resource
 
 
-def test_staleness_is_three_periods_unless_the_descriptor_says_otherwise() -> None:
+def test_staleness_is_three_periods_unless_descriptor_says_otherwise() -> None:
     assert Resource(path="a", type="Pose", rate_hz=10.0).stale_after_s == pytest.approx(0.3)
     assert Resource(path="a", type="Pose", rate_hz=10.0, max_age_s=2.0).stale_after_s == 2.0
     assert Resource(path="a", type="Pose").stale_after_s == math.inf
@@ -89,5 +89,5 @@ def test_the_data_id_is_of_path_and_type() -> None:
     assert Resource(path="nav/pose", type="Pose").data_id == data_id("nav/pose", "Pose")
 
 
-def test_a_number_that_is_none_is_in_no_range() -> None:
+def test_non_number_is_in_no_range() -> None:
     assert not Resource(path="a", type="Float", range=(0.0, 1.0)).in_range(math.nan)

@@ -31,7 +31,7 @@ def test_every_shipped_template_loads_and_fits_the_schema(path: Path) -> None:
     jsonschema.Draft202012Validator(schema).validate(tomllib.loads(path.read_text()))
 
 
-def test_the_shipped_schema_is_the_one_of_the_code() -> None:
+def test_shipped_schema_is_one_of_code() -> None:
     shipped = json.loads((SHARE / "schemas" / "template.schema.json").read_text())
     assert shipped == json.loads(json.dumps(template.schema())), "make docs"
 
@@ -50,13 +50,13 @@ def parsed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return found
 
 
-def test_all_templates_of_a_folder_are_read_with_each_file_parsed_once(parsed: list[str]) -> None:
+def test_folder_templates_parse_each_file_once(parsed: list[str]) -> None:
     found = template.whole(SHARE / "templates")
     assert {kind for one in found for kind in one.kinds} >= {"uav", "ugv", "gcs"}
     assert sorted(parsed) == [str(path) for path in SHIPPED]
 
 
-def test_templates_that_are_loaded_one_after_another_share_the_files_of_their_bases(
+def test_templates_loaded_in_turn_share_bases(
     parsed: list[str],
 ) -> None:
     folder = SHARE / "templates"
@@ -73,7 +73,7 @@ def test_resources_are_sorted_by_path() -> None:
     assert paths == sorted(paths)
 
 
-def test_a_child_overrides_field_by_field_and_keeps_the_rest(tmp_path: Path) -> None:
+def test_child_overrides_field_by_field_and_keeps_rest(tmp_path: Path) -> None:
     write(
         tmp_path,
         base='[resources."nav/pose"]\ntype="Pose"\nrate_hz=10\nowner="navigator"\n',
@@ -102,7 +102,7 @@ def test_inherited_resources_can_be_removed_by_pattern(tmp_path: Path) -> None:
     assert [resource.path for resource in template.load("child", tmp_path).resources] == ["x"]
 
 
-def test_the_digest_follows_the_content_and_not_the_way_there(tmp_path: Path) -> None:
+def test_digest_follows_content_and_not_way_there(tmp_path: Path) -> None:
     write(
         tmp_path,
         base='[resources.a]\ntype="Float"\n',
@@ -137,7 +137,7 @@ def test_the_digest_follows_the_content_and_not_the_way_there(tmp_path: Path) ->
         ("colour = 3\n", ["bad.toml", "colour", "unknown"]),
     ],
 )
-def test_a_mistake_is_named_by_file_path_and_expectation(tmp_path: Path, text: str, said: list[str]) -> None:
+def test_mistake_is_named_by_file_path_and_expectation(tmp_path: Path, text: str, said: list[str]) -> None:
     write(tmp_path, bad=text)
     with pytest.raises(ConfigError) as caught:
         template.load("bad", tmp_path)
@@ -166,7 +166,7 @@ def test_branches_may_have_a_description(tmp_path: Path) -> None:
 
 
 @given(text=st.text(max_size=200))
-def test_any_text_is_a_template_or_a_configuration_error(
+def test_any_text_is_template_or_configuration_error(
     tmp_path_factory: pytest.TempPathFactory, text: str
 ) -> None:
     folder = tmp_path_factory.mktemp("t")
@@ -188,7 +188,7 @@ _keys = st.sampled_from([*template.Entry.__struct_fields__, "colour"])
         st.sampled_from(["a", "a/b", "c", "B", ""]), st.dictionaries(_keys, _leaf, max_size=5)
     )
 )
-def test_any_tables_are_a_template_or_a_configuration_error(
+def test_any_tables_are_template_or_configuration_error(
     tmp_path_factory: pytest.TempPathFactory, tables: dict[str, dict[str, object]]
 ) -> None:
     import tomli_w

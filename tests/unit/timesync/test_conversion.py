@@ -42,7 +42,7 @@ def test_there_and_back_is_the_same_instant(offset_ns: int, skew: float, away_ns
 
 
 @given(skew=st.floats(-200e-6, 200e-6), away_ns=st.integers(-(10**11), 10**11))
-def test_the_inverse_is_the_other_side_of_the_same_relation(skew: float, away_ns: int) -> None:
+def test_inverse_is_other_side_of_same_relation(skew: float, away_ns: int) -> None:
     function = conversion(skew=skew)
     inverse = function.inverse("uav1", "main", 1, 3)
     local_ns = function.t0_ns + away_ns
@@ -50,7 +50,7 @@ def test_the_inverse_is_the_other_side_of_the_same_relation(skew: float, away_ns
     assert (inverse.platform, inverse.hardware, inverse.boot_id) == ("uav1", 1, 3)
 
 
-def test_a_composition_converts_over_both_links_and_adds_their_bounds() -> None:
+def test_composition_converts_over_links_adding_bounds() -> None:
     first = conversion()
     second = conversion(
         platform="uav3", hardware=3, offset_ns=-2_000_000_000, t0_ns=1_004_000_000_000, skew=-10e-6
@@ -62,13 +62,13 @@ def test_a_composition_converts_over_both_links_and_adds_their_bounds() -> None:
     assert (both.platform, both.hops, both.via) == ("uav3", 2, "uav2")
 
 
-def test_a_composition_is_as_old_as_its_older_link() -> None:
+def test_composition_is_as_old_as_its_older_link() -> None:
     fresh = conversion()
     stale = conversion(platform="uav3", hardware=3, t0_ns=fresh.to_remote(fresh.t0_ns) - 30_000_000_000)
     assert fresh.then(stale, "uav2").age_s(fresh.t0_ns) == pytest.approx(30.0, abs=0.01)
 
 
-def test_the_bound_grows_with_the_distance_from_the_last_exchange() -> None:
+def test_bound_grows_with_distance_from_last_exchange() -> None:
     function = conversion()
     bounds = [function.bound_at_ns(function.t0_ns + away_s * 10**9) for away_s in (0, 1, 10, 100)]
     assert bounds[0] == function.bound_ns
@@ -99,7 +99,7 @@ def test_a_third_party_orders_events_of_two_others() -> None:
     assert compare(second, uav3, first, uav2) is Order.AFTER
 
 
-def test_the_list_finds_a_unit_and_crosses_the_wire() -> None:
+def test_list_finds_unit_and_crosses_wire() -> None:
     functions = TimeFunctions("uav1", "main", 3, 5, (conversion(), conversion(platform="uav3", hardware=3)))
     again = decode(TimeFunctions, encode(functions))
     assert again == functions

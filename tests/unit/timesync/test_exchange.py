@@ -62,7 +62,7 @@ class Rig:
         return [at_s for at_s, _ in self.requested[before:]]
 
 
-def test_a_neighbour_that_cannot_be_measured_is_asked_at_once_and_then_every_two_seconds() -> None:
+def test_unmeasurable_neighbour_is_asked_every_two_seconds() -> None:
     rig = Rig()
     rig.virtual.run_for(0.5)
     rig.receive(2, echo=False)
@@ -81,7 +81,7 @@ def test_while_an_answer_is_awaited_no_round_begins() -> None:
     assert len(rig.requests(ASK_FIRST_NS / SECOND)) == 1
 
 
-def test_a_neighbour_on_a_route_is_asked_often_at_first_and_then_each_ten_seconds() -> None:
+def test_neighbour_on_route_is_asked_often_first() -> None:
     rig = Rig()
     for _ in range(40):
         rig.virtual.run_for(0.1)
@@ -102,7 +102,7 @@ def test_a_neighbour_on_a_route_is_asked_often_at_first_and_then_each_ten_second
     assert ASK_NS == 10 * SECOND
 
 
-def test_without_composed_functions_only_neighbours_without_their_own_are_asked() -> None:
+def test_only_neighbours_without_functions_are_asked() -> None:
     rig = Rig(compose=False)
     rig.routes = Routes((FAR,))
     rig.receive(2)

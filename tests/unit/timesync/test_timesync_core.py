@@ -76,7 +76,7 @@ def test_publishing_is_paced_and_silence_needs_no_timer() -> None:
     assert timer.deadline_ns() is None
 
 
-def test_settled_functions_are_solved_at_the_instants_of_other_periodic_work_and_hardly_later() -> None:
+def test_settled_functions_are_solved_with_periodic_work() -> None:
     timer, peers = core(publish_s=0.1), range(2, 12)
     solved: list[int] = []
     for tick in range(1200):
@@ -93,7 +93,7 @@ def test_settled_functions_are_solved_at_the_instants_of_other_periodic_work_and
     assert instants, "ten neighbours each three seconds, several at one instant"
 
 
-def test_neighbours_that_came_at_different_seconds_are_solved_in_one_wake_up_each_three_seconds() -> None:
+def test_neighbours_are_solved_in_one_wake_up() -> None:
     timer, peers = core(), range(2, 17)
     wakes: list[int] = []
     published = 0
@@ -112,7 +112,7 @@ def test_neighbours_that_came_at_different_seconds_are_solved_in_one_wake_up_eac
     assert published == len(wakes)
 
 
-def test_functions_of_partners_for_measured_units_are_not_composed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_functions_for_measured_units_are_not_composed(monkeypatch: pytest.MonkeyPatch) -> None:
     timer = core()
     for tick in range(40):
         at_ns = SECOND + tick * SECOND // 10
@@ -134,7 +134,7 @@ def test_functions_of_partners_for_measured_units_are_not_composed(monkeypatch: 
     assert composed == ["uav4"]
 
 
-def test_three_impossible_packets_in_a_row_are_a_step() -> None:
+def test_three_impossible_packets_in_row_are_step() -> None:
     timer = core()
     run(timer, *(heard(SECOND + tick * SECOND // 10) for tick in range(100)))
     later = 12 * SECOND
@@ -158,7 +158,7 @@ def test_two_outliers_change_nothing() -> None:
     assert not [action for action in actions if isinstance(action, ClockStepped)]
 
 
-def test_another_boot_is_another_clock_and_an_older_one_is_ignored() -> None:
+def test_another_boot_is_another_clock() -> None:
     timer = core()
     run(timer, heard(SECOND, 0, boot_id=5))
     actions = run(timer, heard(2 * SECOND, 9 * SECOND, boot_id=6))
@@ -179,7 +179,7 @@ def function(of: int, *, boot_id: int = 5, hops: int = 1, via: str = "") -> Conv
     )
 
 
-def test_a_neighbour_gives_the_way_to_a_unit_never_met() -> None:
+def test_neighbour_gives_way_to_unit_never_met() -> None:
     timer = core()
     run(timer, heard(SECOND))
     timer.on_functions(told(2, function(9)), SECOND)
@@ -188,14 +188,14 @@ def test_a_neighbour_gives_the_way_to_a_unit_never_met() -> None:
     assert (far.hops, far.via) == (2, "uav2")
 
 
-def test_what_a_neighbour_knows_through_us_is_no_news() -> None:
+def test_news_known_through_us_is_ignored() -> None:
     timer = core()
     run(timer, heard(SECOND))
     timer.on_functions(told(2, function(9, via="uav1", hops=3), function(1, boot_id=10)), SECOND)
     assert [known.platform for known in timer.functions(SECOND).functions] == ["uav2"]
 
 
-def test_a_measured_function_is_preferred_to_a_composed_one() -> None:
+def test_measured_function_is_preferred_to_composed_one() -> None:
     timer = core()
     run(timer, heard(SECOND), heard(SECOND, of=9))
     timer.on_functions(told(2, function(9)), SECOND)
@@ -204,7 +204,7 @@ def test_a_measured_function_is_preferred_to_a_composed_one() -> None:
     assert near.hops == 1
 
 
-def test_what_a_partner_states_does_not_outlast_packets_that_come() -> None:
+def test_partner_statement_does_not_outlast_packets() -> None:
     timer = core()
     wide = Exchange(SECOND, -9 * DELAY, SECOND - 50_000_000, 9 * DELAY)
     run(timer, heard(SECOND), PeerExchange("uav9", "main", 9, 5, wide))
@@ -217,7 +217,7 @@ def test_what_a_partner_states_does_not_outlast_packets_that_come() -> None:
     assert later.hops == 2, "nothing has come from it for long"
 
 
-def test_a_partner_gives_the_first_value_where_nothing_was_echoed_yet() -> None:
+def test_partner_gives_first_value_before_any_echo() -> None:
     timer = core()
     timer.on_exchange(PeerExchange("uav2", "main", 2, 5, Exchange(SECOND, -DELAY)), SECOND)
     timer.on_timer(SECOND)
@@ -228,7 +228,7 @@ def test_a_partner_gives_the_first_value_where_nothing_was_echoed_yet() -> None:
     assert first.offset_ns == -3_000
 
 
-def test_words_of_an_earlier_boot_of_a_partner_are_ignored() -> None:
+def test_words_of_earlier_boot_of_partner_are_ignored() -> None:
     timer = core()
     run(timer, heard(SECOND))
     timer.on_functions(told(2, function(9), boot_id=4), SECOND)
@@ -242,14 +242,14 @@ def test_a_unit_not_heard_for_long_is_forgotten() -> None:
     assert timer.functions(102 * SECOND).of("uav2") is None
 
 
-def test_the_list_is_bounded_and_keeps_the_best_known() -> None:
+def test_list_is_bounded_and_keeps_best_known() -> None:
     timer = core(functions_limit=3)
     for of in range(2, 9):
         run(timer, heard(SECOND, of=of))
     assert len(timer.functions(SECOND).functions) == 3
 
 
-def test_one_wrong_stamp_costs_the_history_but_is_no_step() -> None:
+def test_one_invalid_stamp_costs_history_without_step() -> None:
     timer = core()
     run(timer, *(heard(SECOND + tick * SECOND // 10, 5_000) for tick in range(20)))
     wrong = 3 * SECOND + 50_000_000
@@ -263,7 +263,7 @@ def test_one_wrong_stamp_costs_the_history_but_is_no_step() -> None:
     assert abs(function.offset_ns - 5_000) < 20_000
 
 
-def test_a_small_step_that_no_line_can_follow_is_one() -> None:
+def test_small_unfittable_step_is_step() -> None:
     timer = core()
     run(timer, *(heard(SECOND + tick * SECOND // 10) for tick in range(200)))
     jump = 2 * DELAY + 100_000
@@ -300,7 +300,7 @@ def test_a_small_step_that_no_line_can_follow_is_one() -> None:
     ],
     ids=str,
 )
-def test_a_function_that_no_two_clocks_can_have_is_refused_and_the_others_are_used(
+def test_impossible_function_is_refused_others_used(
     wrong: dict[str, Any],
 ) -> None:
     timer = core()
@@ -348,9 +348,7 @@ _ratio = st.one_of(st.floats(), st.floats(-1e-3, 1e-3))
     ),
     st.sampled_from([0, SECOND, 1 << 62]),
 )
-def test_whatever_a_partner_says_the_list_is_published_and_every_number_in_it_is_finite(
-    functions: list[Conversion], now_ns: int
-) -> None:
+def test_any_statement_gives_finite_published_list(functions: list[Conversion], now_ns: int) -> None:
     timer = core()
     run(timer, heard(SECOND, of=2))
     timer.on_exchange(PeerExchange("uav3", "main", 3, 5, Exchange(SECOND, -DELAY)), SECOND)
@@ -364,7 +362,7 @@ def test_whatever_a_partner_says_the_list_is_published_and_every_number_in_it_is
     assert registry.decode(TimeFunctions, registry.encode(known)) == known
 
 
-def test_who_is_heard_without_an_echo_has_no_function_yet() -> None:
+def test_neighbour_without_echo_has_no_function() -> None:
     timer = core()
     timer.on_exchange(PeerExchange("uav2", "main", 2, 5, Exchange(SECOND, -DELAY)), SECOND)
     timer.on_timer(SECOND)
@@ -373,7 +371,7 @@ def test_who_is_heard_without_an_echo_has_no_function_yet() -> None:
     assert timer.unmeasured() == set()
 
 
-def test_a_rate_that_changed_while_nothing_was_heard_is_no_step() -> None:
+def test_rate_change_during_silence_is_no_step() -> None:
     timer = core()
     drift = 5e-6
     run(timer, *(heard(SECOND + tick * SECOND // 10) for tick in range(300)))
@@ -389,7 +387,7 @@ def test_a_rate_that_changed_while_nothing_was_heard_is_no_step() -> None:
     assert abs(known.to_remote(at_ns) - at_ns - round(drift * (silence + 5 * SECOND))) < 100_000
 
 
-def test_of_two_stated_functions_that_cannot_both_be_true_the_newer_is_taken() -> None:
+def test_newer_of_contradicting_functions_is_taken() -> None:
     timer = core()
     for at_ns in (SECOND, 20 * SECOND):
         run(timer, *(heard(at_ns + n * SECOND // 10, of=of) for n in range(9) for of in (2, 3)))
@@ -404,7 +402,7 @@ def test_of_two_stated_functions_that_cannot_both_be_true_the_newer_is_taken() -
     assert abs(found.offset_ns - 20_000_000) < 1_000_000
 
 
-def test_a_first_value_of_a_partner_is_renewed_as_long_as_nothing_is_measured() -> None:
+def test_partners_first_value_is_renewed_until_measured() -> None:
     timer = core()
     for offset_ns, at_s in ((3_000, 1), (9_000_000, 30)):
         timer.on_exchange(PeerExchange("uav2", "main", 2, 5, Exchange(at_s * SECOND, -DELAY)), at_s * SECOND)
@@ -418,7 +416,7 @@ def test_a_first_value_of_a_partner_is_renewed_as_long_as_nothing_is_measured() 
         assert found.offset_ns == offset_ns
 
 
-def test_what_a_partner_stated_ends_unless_it_states_it_again() -> None:
+def test_partner_statement_ends_unless_repeated() -> None:
     timer = core()
     run(timer, heard(SECOND), heard(2 * SECOND))
     timer.on_functions(told(2, function(9)), 2 * SECOND)
@@ -432,7 +430,7 @@ def test_what_a_partner_stated_ends_unless_it_states_it_again() -> None:
     assert published.functions.of("uav9") is None
 
 
-def test_a_step_and_a_first_word_of_a_partner_are_published_in_the_next_turn() -> None:
+def test_step_and_first_statement_are_published_next() -> None:
     timer = core()
     run(timer, *(heard(SECOND + tick * SECOND // 10) for tick in range(100)))
     jumped = [heard(12 * SECOND + n, 5 * SECOND) for n in range(3)]

@@ -22,7 +22,7 @@ def test_clocks_that_run_alike_have_no_step() -> None:
 
 
 @pytest.mark.parametrize("step_s", [-3600.0, 3600.0, 0.2, 31_536_000.0])
-def test_a_step_is_told_with_its_sign_for_a_minute(step_s: float) -> None:
+def test_step_is_reported_with_sign_for_minute(step_s: float) -> None:
     shown_s = SHOWN_NS / S
     found = looks(
         (1, 1), (2, 2 + step_s), (1 + shown_s, 1 + shown_s + step_s), (2 + shown_s, 2 + shown_s + step_s)
@@ -34,7 +34,7 @@ def test_a_second_step_replaces_the_first_one() -> None:
     assert looks((1, 1), (2, -3598), (3, 3603)) == pytest.approx([0, -3600, 7200])
 
 
-def test_a_process_that_was_interrupted_between_two_readings_sees_no_step() -> None:
+def test_interruption_between_readings_is_no_step() -> None:
     clock = WallClock()
     clock.on_look(S, YEAR_2026_NS + S, S)
     late_ns = 2 * S + 2 * STEP_NS

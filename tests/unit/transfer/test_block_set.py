@@ -19,7 +19,7 @@ def test_blocks_arrive_in_any_order_and_once() -> None:
     assert (blocks.missing, blocks.ranges()) == (0, ())
 
 
-def test_a_set_continues_after_a_restart_and_begins_again_for_another_length() -> None:
+def test_set_continues_after_restart_for_same_length() -> None:
     blocks = BlockSet(4)
     blocks.add(1)
     assert BlockSet(4, bytes(blocks)).ranges() == ((0, 0), (2, 3))
@@ -42,6 +42,6 @@ def test_ranges_name_exactly_the_missing_blocks(count: int, arrived: set[int]) -
     assert blocks.missing == len(named)
 
 
-def test_a_block_that_is_not_of_the_file_is_an_error() -> None:
+def test_block_that_is_not_of_file_is_error() -> None:
     with pytest.raises(IndexError):
         BlockSet(2).add(2)

@@ -13,7 +13,7 @@ def taken(window: BlockWindow) -> list[int]:
     return found
 
 
-def test_the_window_begins_small_grows_with_answers_and_has_a_limit() -> None:
+def test_window_grows_with_answers_to_limit() -> None:
     window = BlockWindow([(0, 499)], 0)
     assert taken(window) == list(range(int(BLOCKS.window_first)))
     most = 0
@@ -25,7 +25,7 @@ def test_the_window_begins_small_grows_with_answers_and_has_a_limit() -> None:
     assert most == int(BLOCKS.window_max)
 
 
-def test_a_failed_block_goes_first_and_less_is_on_its_way() -> None:
+def test_failed_block_goes_first_with_smaller_window() -> None:
     window = BlockWindow([(0, 99)], 0)
     first = taken(window)
     for number in first:
@@ -46,7 +46,7 @@ def test_an_answer_after_a_failure_changes_nothing_twice() -> None:
     assert window.take(1) is None
 
 
-def test_each_block_is_sent_until_it_arrives_through_any_failures() -> None:
+def test_each_block_is_sent_until_it_arrives() -> None:
     draw = Random(7)
     window, arrived, under_way = BlockWindow([(0, 9), (20, 49)], 0), set[int](), list[int]()
     while not window.is_done:
@@ -60,7 +60,7 @@ def test_each_block_is_sent_until_it_arrives_through_any_failures() -> None:
     assert arrived == {*range(10), *range(20, 50)}
 
 
-def test_a_block_of_a_slow_link_gets_more_time_with_each_failure() -> None:
+def test_slow_block_gets_more_time_each_failure() -> None:
     window = BlockWindow([(0, 9)], 0)
     times_s = [window.timeout_s]
     for _ in range(5):

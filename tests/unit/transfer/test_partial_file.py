@@ -24,7 +24,7 @@ def write(part: PartialFile, *numbers: int) -> None:
         part.write(number * BLOCK_BYTES, block(number))
 
 
-def test_blocks_in_any_order_become_the_file_at_once(tmp_path: Path) -> None:
+def test_blocks_in_any_order_become_file_at_once(tmp_path: Path) -> None:
     part = PartialFile(tmp_path, DIGEST, len(CONTENT))
     write(part, 3, 0, 0, 2)
     assert part.blocks.ranges() == ((1, 1),)
@@ -91,7 +91,7 @@ def test_bytes_that_are_no_block_are_refused(tmp_path: Path, offset: int, size: 
     assert part.blocks.missing == 4
 
 
-def test_a_disk_without_room_is_told_before_the_first_block(tmp_path: Path) -> None:
+def test_full_disk_is_reported_before_first_block(tmp_path: Path) -> None:
     with pytest.raises(OutOfRange, match="are free"):
         PartialFile(tmp_path, DIGEST, 1 << 52)
     assert list(tmp_path.iterdir()) == []
@@ -105,7 +105,7 @@ def test_an_empty_file_is_complete_at_once(tmp_path: Path) -> None:
     assert (tmp_path / "empty").read_bytes() == b""
 
 
-def test_what_has_no_end_or_is_larger_than_a_file_may_be_is_refused_before_it_is_read(tmp_path: Path) -> None:
+def test_endless_or_oversized_content_is_refused_unread(tmp_path: Path) -> None:
     fifo, folder, sparse = tmp_path / "fifo", tmp_path / "folder", tmp_path / "sparse"
     os.mkfifo(fifo)
     folder.mkdir()

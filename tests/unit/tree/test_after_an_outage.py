@@ -5,7 +5,7 @@ from tests.unit.tree.pair import Pair, core, value
 from swarmware.model.resource import Resource
 
 
-def test_of_boards_that_changed_while_the_subscriber_was_away_the_newest_value_goes_first_once() -> None:
+def test_newest_board_value_goes_first_after_outage() -> None:
     boards = tuple(Resource(path=f"power/{name}", type="Float", owner="hal") for name in "abc")
     both = Pair(core("gcs", boards, templates=(boards,)), core("uav1", boards, templates=(boards,)))
     both.trees["gcs"].on_applications([], ["/uav1/power/*"], 0)

@@ -61,7 +61,7 @@ def arrive(feed: Feed, now_ns: int) -> list[int]:
     return sent
 
 
-def test_after_an_outage_the_newest_value_is_the_board_and_former_ones_follow_newest_first() -> None:
+def test_newest_value_precedes_former_after_outage() -> None:
     feed = board()
     cut(feed)
     write(feed, 1, 50)
@@ -82,14 +82,14 @@ def test_without_a_buffer_a_board_has_no_history() -> None:
         assert feed.waiting[0] == 1
 
 
-def test_a_setting_and_another_computer_of_the_platform_have_no_history() -> None:
+def test_settings_and_other_computers_have_no_history() -> None:
     setting = Resource(path="config/hal/gain", kind=Kind.SETTING, type="Float", default=1.0)
     for feed in (Feed(setting, Rule("**"), 0), Feed(BATTERY, Rule("**"), 0, over_wire=True)):
         feed.set_channel(BUFFER)
         assert feed.history is None
 
 
-def test_the_oldest_is_dropped_beyond_the_bytes_or_the_age_and_counted() -> None:
+def test_oldest_value_is_dropped_beyond_bytes_or_age() -> None:
     for settings, kept in ((ChannelSettings(buffer_bytes=80), 10), (ChannelSettings(buffer_s=1.0), 11)):
         feed = board(settings)
         cut(feed)
@@ -101,7 +101,7 @@ def test_the_oldest_is_dropped_beyond_the_bytes_or_the_age_and_counted() -> None
         assert [sequence for _, sequence in drained(feed, now_ns, now_ns)] == list(range(49, 49 - kept, -1))
 
 
-def test_what_became_too_old_before_the_return_is_dropped() -> None:
+def test_value_aged_before_return_is_dropped() -> None:
     feed = board(ChannelSettings(buffer_s=2.0))
     cut(feed)
     write(feed, 1, 10)
@@ -111,9 +111,7 @@ def test_what_became_too_old_before_the_return_is_dropped() -> None:
 
 
 @pytest.mark.parametrize(("written_hz", "max_hz"), [(30, 5.0), (10, 10.0), (100, 20.0)])
-def test_a_limit_of_the_rate_holds_for_what_is_kept_and_it_is_sent_at_twice_that_rate(
-    written_hz: int, max_hz: float
-) -> None:
+def test_rate_limit_holds_for_history_sent_double(written_hz: int, max_hz: float) -> None:
     feed = board(ChannelSettings(max_hz, buffer_s=60.0))
     cut(feed)
     write(feed, 1, 20 * written_hz, written_hz)
@@ -127,7 +125,7 @@ def test_a_limit_of_the_rate_holds_for_what_is_kept_and_it_is_sent_at_twice_that
     assert max(steps) < 1.4 / max_hz
 
 
-def test_on_a_link_that_takes_everything_nothing_is_kept() -> None:
+def test_unrestricted_link_keeps_nothing() -> None:
     feed = board(ChannelSettings(5.0, buffer_s=60.0))
     for sequence in range(300):
         now_ns = sequence * S // 30
@@ -149,7 +147,7 @@ def test_what_does_not_differ_is_not_kept() -> None:
     assert [sequence for _, sequence in drained(feed, 9 * S, 9 * S)] == [4, 1]
 
 
-def test_a_value_that_failed_is_kept_unless_it_is_still_the_newest() -> None:
+def test_failed_value_is_kept_unless_newest() -> None:
     feed = board()
     first = value(1, S)
     feed.offer(first)
@@ -162,7 +160,7 @@ def test_a_value_that_failed_is_kept_unless_it_is_still_the_newest() -> None:
     assert [sequence for _, sequence in drained(feed, 3 * S, 3 * S)] == [1]
 
 
-def test_former_values_wait_until_a_newer_one_has_arrived_and_again_after_it_has_failed() -> None:
+def test_former_values_wait_for_newer_to_arrive() -> None:
     feed = board()
     cut(feed)
     write(feed, 1, 20)
@@ -182,7 +180,7 @@ def test_former_values_wait_until_a_newer_one_has_arrived_and_again_after_it_has
     assert [sequence for _, sequence in drained(feed, 4 * S, 4 * S)] == list(range(15, -1, -1))
 
 
-def test_former_values_of_a_board_that_always_has_one_under_way_follow_those_that_have_arrived() -> None:
+def test_former_values_follow_on_busy_board() -> None:
     feed = board()
     cut(feed)
     followed = []
@@ -194,7 +192,7 @@ def test_former_values_of_a_board_that_always_has_one_under_way_follow_those_tha
     assert followed == [sequence for first in range(1, 28, 3) for sequence in (first + 1, first)]
 
 
-def test_former_values_follow_when_the_newest_one_equals_what_the_subscriber_has() -> None:
+def test_former_values_follow_unchanged_newest_value() -> None:
     feed = board()
     write(feed, 0, 0)
     arrive(feed, 0)
@@ -205,7 +203,7 @@ def test_former_values_follow_when_the_newest_one_equals_what_the_subscriber_has
     assert [sequence for _, sequence in drained(feed, S, S)] == [3, 2, 1]
 
 
-def test_without_its_buffer_a_board_drops_what_waits_and_counts_it() -> None:
+def test_board_without_buffer_drops_and_counts() -> None:
     feed = board()
     cut(feed)
     write(feed, 1, 50)
@@ -248,7 +246,7 @@ def away(both: Pair, seconds: int) -> None:
     assert not any(isinstance(action, SendNotify) for action in uav.drain())
 
 
-def test_the_newest_value_goes_first_and_the_former_ones_have_the_lowest_priority() -> None:
+def test_former_values_have_lowest_priority() -> None:
     both = buffered(buffer_s=30.0)
     away(both, 20)
     both.meet()
@@ -261,7 +259,7 @@ def test_the_newest_value_goes_first_and_the_former_ones_have_the_lowest_priorit
     assert both.trees["uav1"].subscribers.dropped == 0
 
 
-def test_the_receiver_keeps_former_values_apart_from_the_board() -> None:
+def test_receiver_keeps_former_values_apart_from_board() -> None:
     both = buffered(buffer_s=30.0)
     away(both, 2)
     both.meet()
@@ -279,7 +277,7 @@ def test_the_receiver_keeps_former_values_apart_from_the_board() -> None:
 
 
 @pytest.mark.parametrize("buffer_s", [30.0, 600.0])
-def test_a_subscription_outlasts_its_lease_as_long_as_its_buffer(buffer_s: float) -> None:
+def test_buffered_subscription_outlasts_its_lease(buffer_s: float) -> None:
     assert CONFIG.lease_s == 60.0
     both = buffered(buffer_s=buffer_s)
     away(both, 100)
@@ -290,7 +288,7 @@ def test_a_subscription_outlasts_its_lease_as_long_as_its_buffer(buffer_s: float
     assert len(both.received["gcs"]) == (1000 if buffer_s > 100 else 0)
 
 
-def test_former_values_that_a_busy_link_does_not_carry_do_not_end_the_subscription() -> None:
+def test_busy_link_does_not_end_subscription() -> None:
     both = buffered(buffer_s=600.0)
     away(both, 2)
     both.meet()
@@ -309,7 +307,7 @@ def test_former_values_that_a_busy_link_does_not_carry_do_not_end_the_subscripti
     assert sorted(item.sequence for item in both.received["gcs"]) == list(range(1, 21))
 
 
-def test_nothing_goes_beside_the_newest_value_after_an_outage_that_was_too_short_to_be_seen() -> None:
+def test_short_outage_sends_newest_value_only() -> None:
     both = buffered(buffer_s=60.0)
     uav = both.trees["uav1"]
     begin_ns, lost = both.now_ns, []
@@ -339,9 +337,7 @@ class BoardOwner(Owner):
 
 
 @pytest.mark.parametrize(("seed", "loss"), [(1, 0.0), (2, 0.3)])
-def test_over_a_lossy_link_with_an_outage_each_value_arrives_and_the_board_never_goes_back(
-    seed: int, loss: float
-) -> None:
+def test_lossy_outage_delivers_each_value_in_order(seed: int, loss: float) -> None:
     net: VirtualSwarm[str] = VirtualSwarm(seed, loss=loss, delay_s=(0.002, 0.03))
     owner = BoardOwner(net)
     owner.uav.on_limits((ChannelLimit("power/*", BUFFER),), 0)

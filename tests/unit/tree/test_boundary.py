@@ -8,7 +8,7 @@ from swarmd.tree.exchange.boundary import Boundary
 from swarmware.errors import WireError
 
 
-def test_what_fails_at_the_boundary_is_counted_by_name_and_told_once(
+def test_boundary_failure_is_counted_and_reported_once(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     boundary = Boundary()

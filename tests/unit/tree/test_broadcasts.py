@@ -49,7 +49,7 @@ def two() -> tuple[Tree, Tree]:
     return gcs, uav
 
 
-def test_the_structure_of_a_neighbour_comes_in_its_beacon_and_nothing_is_requested() -> None:
+def test_structure_in_beacon_needs_no_request() -> None:
     gcs, uav = two()
     meet(gcs, uav)
     assert gcs.replicas.needs() == ["uav1"]
@@ -62,7 +62,7 @@ def test_the_structure_of_a_neighbour_comes_in_its_beacon_and_nothing_is_request
     assert requests(gcs) == 0
 
 
-def test_a_subscription_is_sent_as_soon_as_the_structure_came_in_a_beacon() -> None:
+def test_subscription_follows_structure_in_beacon_at_once() -> None:
     gcs, uav = two()
     gcs.on_applications([], ("/*/power/battery",), 0)
     meet(gcs, uav)
@@ -71,7 +71,7 @@ def test_a_subscription_is_sent_as_soon_as_the_structure_came_in_a_beacon() -> N
     assert RequestSubscription in [type(action) for action in gcs.drain()]
 
 
-def test_a_structure_that_no_beacon_brings_is_requested_and_that_node_not_waited_for_again() -> None:
+def test_structure_missing_in_beacons_is_requested() -> None:
     gcs, uav = two()
     meet(gcs, uav)
     assert gcs.deadline_ns() == WAIT_NS
@@ -87,7 +87,7 @@ def test_a_structure_that_no_beacon_brings_is_requested_and_that_node_not_waited
     assert requests(gcs) == 1, "a former version, or a structure that is too large"
 
 
-def test_a_node_that_is_late_itself_waits_longer_for_a_beacon_with_a_structure() -> None:
+def test_late_node_waits_longer_for_beacon() -> None:
     gcs, uav = two()
     meet(gcs, core("uav2", epoch=3))
     gcs.on_timer(WAIT_NS + S)
@@ -102,7 +102,7 @@ def test_a_node_that_is_late_itself_waits_longer_for_a_beacon_with_a_structure()
     assert gcs.patience_s(now_ns + 60 * S) == 0
 
 
-def test_after_a_beacon_with_its_structure_a_node_is_waited_for_again() -> None:
+def test_node_is_awaited_again_after_structure_beacon() -> None:
     gcs, uav = two()
     meet(gcs, uav)
     gcs.on_timer(WAIT_NS)
@@ -117,7 +117,7 @@ def test_after_a_beacon_with_its_structure_a_node_is_waited_for_again() -> None:
     assert requests(gcs) == 0
 
 
-def test_a_beacon_that_comes_before_its_version_is_known_is_kept_until_it_is() -> None:
+def test_early_beacon_is_kept_until_version_known() -> None:
     gcs, uav = two()
     gcs.on_broadcast(broadcast(uav), 0)
     meet(gcs, uav)
@@ -130,7 +130,7 @@ def test_a_beacon_that_comes_before_its_version_is_known_is_kept_until_it_is() -
     assert requests(gcs) == 0
 
 
-def test_an_older_structure_from_a_beacon_replaces_no_newer_one() -> None:
+def test_older_structure_from_beacon_replaces_no_newer_one() -> None:
     gcs, uav = two()
     older = broadcast(uav)
     version = uav.local.version
@@ -146,7 +146,7 @@ def test_an_older_structure_from_a_beacon_replaces_no_newer_one() -> None:
 
 
 @pytest.mark.parametrize("shown", [0, 1], ids=["before", "between"])
-def test_an_older_structure_from_a_beacon_replaces_none_that_notifications_have_changed(shown: int) -> None:
+def test_older_structure_replaces_no_changed_one(shown: int) -> None:
     gcs, uav = two()
     gcs.on_applications([], ("/uav1/**",), 0)
     former = [broadcast(uav)]
@@ -185,7 +185,7 @@ def test_an_older_structure_from_a_beacon_replaces_none_that_notifications_have_
 @pytest.mark.parametrize(
     ("near", "multicast"), [(True, False), (False, False), (False, True)], ids=["unicast", "far", "rumour"]
 )
-def test_a_node_that_multicast_does_not_reach_is_requested_at_once(near: bool, multicast: bool) -> None:
+def test_node_without_multicast_is_requested_at_once(near: bool, multicast: bool) -> None:
     gcs, uav = two()
     gcs.on_applications([], ("/uav1/power/battery",), 0)
     meet(gcs, uav, near=near, multicast=multicast)
@@ -193,7 +193,7 @@ def test_a_node_that_multicast_does_not_reach_is_requested_at_once(near: bool, m
     assert gcs.replicas.needs() == []
 
 
-def test_units_of_the_own_platform_and_what_an_operator_waits_for_are_requested_at_once() -> None:
+def test_own_units_and_operators_needs_are_requested() -> None:
     main, unit = core("uav1"), core("uav1.fc", epoch=9)
     unit.on_applications([STEP], (), 0)
     meet(main, unit)
@@ -205,7 +205,7 @@ def test_units_of_the_own_platform_and_what_an_operator_waits_for_are_requested_
     assert gcs.replicas.needs() == []
 
 
-def test_with_a_wait_of_zero_every_structure_is_requested_at_once() -> None:
+def test_zero_wait_requests_every_structure_at_once() -> None:
     gcs = core("gcs", config=msgspec.structs.replace(CONFIG, broadcast_s=0.0))
     meet(gcs, core("uav1", epoch=9))
     assert requests(gcs) == 1
@@ -220,7 +220,7 @@ def test_a_structure_on_an_unknown_template_is_requested() -> None:
     assert requests(gcs) == 1
 
 
-def test_damaged_changes_in_a_beacon_are_logged_and_the_structure_is_requested(
+def test_damaged_beacon_changes_cause_request(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     gcs, uav = two()
@@ -231,7 +231,7 @@ def test_damaged_changes_in_a_beacon_are_logged_and_the_structure_is_requested(
     assert requests(gcs) == 1
 
 
-def test_the_wait_for_a_node_ends_when_it_is_lost_or_forgotten() -> None:
+def test_wait_ends_when_node_is_lost() -> None:
     gcs, uav = two()
     meet(gcs, uav)
     gcs.on_gone("uav1", 1)
@@ -243,7 +243,7 @@ def test_the_wait_for_a_node_ends_when_it_is_lost_or_forgotten() -> None:
     assert gcs.replicas.get("uav1") is None
 
 
-def test_a_restarted_tree_is_known_by_its_next_beacon() -> None:
+def test_restarted_tree_is_known_by_its_next_beacon() -> None:
     gcs, uav = two()
     meet(gcs, uav)
     gcs.on_broadcast(broadcast(uav), 10)
@@ -254,7 +254,7 @@ def test_a_restarted_tree_is_known_by_its_next_beacon() -> None:
     assert requests(gcs) == 0
 
 
-def test_an_empty_structure_and_one_that_is_too_large_are_in_no_beacon() -> None:
+def test_empty_or_oversized_structure_skips_beacon() -> None:
     assert core("uav1", ()).broadcast() is None
     uav = core("uav1")
     assert len(broadcast(uav).data) <= BROADCAST_LIMIT

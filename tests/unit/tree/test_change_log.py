@@ -46,7 +46,7 @@ def change(path: str, by: str = "operator@gcs", refused: str = "") -> TreeChange
     return TreeChange(f"/uav1/{path}", by, "[1.0]", "" if refused else "[2.0]", refused)
 
 
-async def test_changes_are_found_by_path_requester_time_and_refusal_the_newest_first(tmp_path: Path) -> None:
+async def test_changes_are_found_by_all_filters(tmp_path: Path) -> None:
     async with made(tmp_path, tmp_path / "changes.jsonl") as bench:
         await bench.log.record(change("config/a"))
         await bench.log.record(change("config/b", "observer@uav2", "expected role operator"))
@@ -69,7 +69,7 @@ async def test_changes_are_found_by_path_requester_time_and_refusal_the_newest_f
             await bench.ask(TreeLogQuery("{"))
 
 
-async def test_changes_of_rules_are_found_whose_path_is_a_pattern(tmp_path: Path) -> None:
+async def test_changes_of_pattern_rules_are_found(tmp_path: Path) -> None:
     async with made(tmp_path, tmp_path / "changes.jsonl") as bench:
         for path in ("config/a", "test/{height,depth}/*", "power/**", "no pattern{"):
             await bench.log.record(change(path))
@@ -82,9 +82,7 @@ async def test_changes_of_rules_are_found_whose_path_is_a_pattern(tmp_path: Path
         assert await bench.paths(TreeLogQuery("nav/*")) == []
 
 
-async def test_changes_are_there_after_a_start_also_when_a_crash_has_cut_the_last_line(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_changes_survive_crash_in_last_line(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     file = tmp_path / "data" / "changes.jsonl"
     async with made(tmp_path / "one", file) as bench:
         await bench.log.record(change("config/a"))
@@ -101,7 +99,7 @@ async def test_changes_are_there_after_a_start_also_when_a_crash_has_cut_the_las
         ], "a line after the cut one is whole"
 
 
-async def test_the_record_is_bounded_on_the_disk_and_keeps_the_newest(
+async def test_record_is_bounded_on_disk_and_keeps_newest(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(change_log, "FILE_BYTES", 1000)
@@ -116,7 +114,7 @@ async def test_the_record_is_bounded_on_the_disk_and_keeps_the_newest(
         assert 5 < len(kept) < 60
 
 
-async def test_a_disk_that_refuses_is_named_and_the_change_is_still_answered(
+async def test_refusing_disk_is_named_and_change_answered(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     file = tmp_path / "data"

@@ -63,7 +63,7 @@ def plain(data: bytes) -> Any:
     return msgspec.msgpack.decode(data)
 
 
-async def test_the_answer_has_files_running_services_and_live_settings(tmp_path: Path) -> None:
+async def test_answer_has_files_running_services_and_live_settings(tmp_path: Path) -> None:
     async with made(tmp_path) as bench:
         found = await bench.keys("**")
         kp = found["navigator/altitude_kp"]

@@ -35,7 +35,7 @@ def test_neighbours_know_each_other_after_one_exchange_each() -> None:
 
 
 @pytest.mark.parametrize("patterns", [(), ("/uav1/power/battery",)])
-def test_a_second_visit_costs_nothing_when_nothing_has_changed(patterns: tuple[str, ...]) -> None:
+def test_second_visit_costs_nothing_when_nothing_has_changed(patterns: tuple[str, ...]) -> None:
     both = pair(*patterns)
     both.log.clear()
     for _ in range(2):
@@ -50,7 +50,7 @@ def test_a_second_visit_costs_nothing_when_nothing_has_changed(patterns: tuple[s
     assert len(both.received["gcs"]) == len(patterns)
 
 
-def test_a_visit_after_half_a_lease_asks_whether_the_subscription_is_held() -> None:
+def test_visit_after_half_lease_checks_subscription() -> None:
     both = pair("/uav1/power/battery")
     both.log.clear()
     both.trees["gcs"].on_gone("uav1", both.now_ns)
@@ -64,7 +64,7 @@ def test_a_visit_after_half_a_lease_asks_whether_the_subscription_is_held() -> N
     assert both.said(RequestStructure) == 0
 
 
-def test_a_hello_without_a_version_says_nothing_so_the_visitor_asks() -> None:
+def test_hello_without_version_says_nothing_so_visitor_asks() -> None:
     both = pair()
     both.log.clear()
     both.trees["gcs"].on_gone("uav1", both.now_ns)
@@ -73,7 +73,7 @@ def test_a_hello_without_a_version_says_nothing_so_the_visitor_asks() -> None:
     assert both.said(RequestStructure) == 1
 
 
-def test_what_changed_while_they_were_apart_is_asked_for_as_changes() -> None:
+def test_changes_during_separation_are_requested() -> None:
     both = pair()
     both.trees["gcs"].on_gone("uav1", 0)
     both.trees["uav1"].on_gone("gcs", 0)
@@ -96,7 +96,7 @@ def test_a_new_resource_is_pushed_to_whoever_subscribed() -> None:
     assert (both.said(SendNotify), both.said(RequestStructure)) == (1, 0)
 
 
-def test_who_did_not_subscribe_asks_for_a_new_resource_when_the_hello_tells_of_it() -> None:
+def test_unsubscribed_node_requests_new_resource_after_hello() -> None:
     both = pair()
     both.log.clear()
     both.trees["uav1"].on_applications([STEP], [], 0)
@@ -120,7 +120,7 @@ def test_many_changes_of_a_moment_are_one_notification() -> None:
     assert knows(both, "gcs", "uav1")
 
 
-def test_changes_that_do_not_fit_what_is_held_are_asked_for_again() -> None:
+def test_unfitting_changes_are_requested_again() -> None:
     both = pair("/uav1/power/battery")
     replica = both.trees["gcs"].replicas.get("uav1")
     assert replica is not None
@@ -132,7 +132,7 @@ def test_changes_that_do_not_fit_what_is_held_are_asked_for_again() -> None:
     assert knows(both, "gcs", "uav1")
 
 
-def test_a_version_in_the_hello_that_does_not_fit_is_reason_to_ask() -> None:
+def test_unfitting_version_in_hello_causes_request() -> None:
     both = pair()
     both.log.clear()
     uav, gcs = both.trees["uav1"], both.trees["gcs"]
@@ -145,7 +145,7 @@ def test_a_version_in_the_hello_that_does_not_fit_is_reason_to_ask() -> None:
     assert both.carry() == 0, "a rumour that was checked already"
 
 
-def test_a_structure_that_comes_back_to_what_was_heard_of_it_before_is_asked_for_again() -> None:
+def test_structure_returning_to_former_version_is_requested() -> None:
     both = pair()
     uav, gcs = both.trees["uav1"], both.trees["gcs"]
     before = uav.local.version
@@ -168,7 +168,7 @@ def test_a_structure_that_comes_back_to_what_was_heard_of_it_before_is_asked_for
     assert knows(both, "gcs", "uav1")
 
 
-def test_a_tree_that_started_again_is_noticed_by_its_first_question() -> None:
+def test_restarted_tree_is_noticed_by_first_question() -> None:
     both = pair("/uav1/power/battery")
     both.log.clear()
     both.replace(core("uav1", epoch=2))
@@ -178,7 +178,7 @@ def test_a_tree_that_started_again_is_noticed_by_its_first_question() -> None:
     assert both.trees["uav1"].subscribers.platforms() == ["gcs"]
 
 
-def test_a_template_that_was_not_known_is_learnt_once() -> None:
+def test_template_that_was_not_known_is_learnt_once() -> None:
     strange = (POSE, Resource(path="sensor/sonar", type="Range", owner="hal"))
     gcs = core("gcs")
     for name in ("usv1", "usv2"):
@@ -190,7 +190,7 @@ def test_a_template_that_was_not_known_is_learnt_once() -> None:
         assert [action.request.full for action in asked] == ([False, True] if name == "usv1" else [False])
 
 
-def test_a_request_without_an_answer_is_repeated_with_pauses() -> None:
+def test_request_without_answer_is_repeated_with_pauses() -> None:
     both = Pair(core("gcs"), core("uav1"))
     both.trees["gcs"].on_up("uav1", None, True, 0)
     both.carry(lose=True)
@@ -214,7 +214,7 @@ def test_nobody_is_asked_who_cannot_be_reached() -> None:
     assert gcs.deadline_ns() == 600 * S
 
 
-def test_a_lost_platform_whose_values_are_kept_is_not_forgotten() -> None:
+def test_lost_platform_with_kept_values_is_remembered() -> None:
     gcs = Tree(SwarmTree("gcs", TEMPLATE, CONFIG, epoch=1, keep=["nav/pose"]))
     both = Pair(gcs, core("uav1"))
     both.meet()
@@ -228,7 +228,7 @@ def test_a_lost_platform_whose_values_are_kept_is_not_forgotten() -> None:
     assert replica.index is not None
 
 
-def test_what_leaves_a_structure_is_told_so_that_its_mirrors_go() -> None:
+def test_leaving_resource_is_announced_to_remove_mirrors() -> None:
     both = pair("/uav1/plan/*")
     uav = both.trees["uav1"]
     first = [action for who, action in both.log if who == "gcs" and isinstance(action, PruneMirrors)]
@@ -242,7 +242,7 @@ def test_what_leaves_a_structure_is_told_so_that_its_mirrors_go() -> None:
     assert kept.paths == {resource.path for resource in TEMPLATE}
 
 
-def test_a_platform_whose_mirrors_were_left_behind_is_forgotten_unless_it_comes() -> None:
+def test_platform_of_orphaned_mirrors_is_forgotten() -> None:
     gcs = core("gcs")
     gcs.on_former_mirrors("uav1", 0)
     gcs.on_former_mirrors("uav2", 0)
@@ -252,7 +252,7 @@ def test_a_platform_whose_mirrors_were_left_behind_is_forgotten_unless_it_comes(
     assert gcs.drain() == [RemoveMirrors("uav1")]
 
 
-def test_a_platform_that_left_the_swarm_is_forgotten_by_order_also_where_its_loss_matters() -> None:
+def test_departed_platform_is_forgotten_by_order() -> None:
     both = pair("/uav1/nav/pose")
     gcs = both.trees["gcs"]
     with pytest.raises(Conflict, match="uav1: reachable from gcs"):
@@ -288,7 +288,7 @@ def test_a_platform_that_stays_away_is_forgotten() -> None:
         StructureReply(1, 99, StructureEncoding.CHANGES, 0, b"nonsense"),
     ],
 )
-def test_an_answer_that_does_not_fit_itself_is_not_believed(reply: StructureReply) -> None:
+def test_inconsistent_answer_is_refused(reply: StructureReply) -> None:
     gcs = core("gcs")
     gcs.on_up("uav1", None, True, 0)
     gcs.drain()
@@ -304,7 +304,7 @@ def test_an_answer_that_does_not_fit_itself_is_not_believed(reply: StructureRepl
     assert replica.index is None
 
 
-def test_far_platforms_of_which_nobody_wants_anything_are_left_alone() -> None:
+def test_unwanted_far_platforms_are_left_alone() -> None:
     both = pair(near=False)
     assert both.said(RequestStructure) == 0
     both.trees["gcs"].on_applications([], ["/uav1/power/battery"], 0)
@@ -313,7 +313,7 @@ def test_far_platforms_of_which_nobody_wants_anything_are_left_alone() -> None:
     assert not knows(both, "uav1", "gcs")
 
 
-def test_a_look_at_a_far_platform_asks_once_and_subscribes_to_nothing() -> None:
+def test_query_of_far_platform_subscribes_to_nothing() -> None:
     both = pair(near=False)
     both.trees["gcs"].on_demand("uav1", 0)
     assert both.trees["gcs"].replicas.asks("uav1")
@@ -333,7 +333,7 @@ def test_whole_swarm_follows_everybody() -> None:
     assert both.trees["uav1"].subscribers.platforms() == []
 
 
-def test_who_comes_near_again_is_asked_although_it_never_went_out_of_reach() -> None:
+def test_approaching_node_is_requested_again() -> None:
     both = pair()
     both.trees["gcs"].on_up("uav1", None, False, 0)
     both.trees["uav1"].on_gone("gcs", 0)
@@ -344,7 +344,7 @@ def test_who_comes_near_again_is_asked_although_it_never_went_out_of_reach() -> 
     assert knows(both, "gcs", "uav1")
 
 
-def test_a_structure_of_one_kind_is_a_hash_on_the_wire() -> None:
+def test_structure_of_one_kind_is_hash_on_wire() -> None:
     both = Pair(core("gcs"), core("uav1"))
     both.meet()
     asked = both.trees["gcs"].drain()
@@ -354,7 +354,7 @@ def test_a_structure_of_one_kind_is_a_hash_on_the_wire() -> None:
     assert len(msgspec.msgpack.encode(asked[0].request)) + len(msgspec.msgpack.encode(reply)) < 100
 
 
-def test_what_a_platform_has_of_others_is_not_in_the_structure_that_it_gives() -> None:
+def test_given_structure_excludes_resources_of_others() -> None:
     own = Resource(path="relay/load", type="Float", owner="relay")
     relay = core("uav2", (own,), templates=((own,), TEMPLATE))
     relay.on_applications([], ["/uav1/**"], 0)
@@ -373,7 +373,7 @@ def test_what_a_platform_has_of_others_is_not_in_the_structure_that_it_gives() -
     assert [item.resource.path for item in seen.index] == ["relay/load"]
 
 
-def test_a_tree_counts_who_of_those_it_follows_is_synchronised_with_it_by_digest() -> None:
+def test_synchronised_followed_trees_are_counted_by_digest() -> None:
     both = Pair(core("gcs"), core("uav1"))
     gcs = both.trees["gcs"]
     assert gcs.replicas.sync() == SyncState(0, 0, 0)
@@ -395,7 +395,7 @@ def test_a_tree_counts_who_of_those_it_follows_is_synchronised_with_it_by_digest
     assert gcs.replicas.sync() == SyncState(0, 0, 0), "nobody to agree with"
 
 
-def test_a_far_platform_that_nobody_reads_is_not_followed() -> None:
+def test_unread_far_platform_is_not_followed() -> None:
     both = pair(near=False)
     assert both.trees["gcs"].replicas.sync() == SyncState(0, 0, 0)
     assert not both.trees["gcs"].replicas.follows("uav1")

@@ -76,7 +76,7 @@ def feed(resource: Resource = BOARD, interval_s: float = 0.0, **rule: float) -> 
     return Feed(resource, Rule("**", **rule), round(interval_s * S))
 
 
-def test_the_first_value_is_due_at_once_and_the_same_again_is_no_news() -> None:
+def test_first_value_is_due_and_same_is_not() -> None:
     one = feed()
     one.offer(item(1.0))
     assert (due := one.due_ns()) is not None
@@ -87,7 +87,7 @@ def test_the_first_value_is_due_at_once_and_the_same_again_is_no_news() -> None:
     assert one.due_ns() is None
 
 
-def test_between_two_notifications_passes_the_least_interval_and_the_newest_value_goes() -> None:
+def test_newest_value_goes_after_least_interval() -> None:
     one = feed(interval_s=0.5)
     one.offer(item(1.0))
     take(one, 0, 9)
@@ -97,7 +97,7 @@ def test_between_two_notifications_passes_the_least_interval_and_the_newest_valu
     assert take(one, S // 2, 9) == [item(3.0, 3)]
 
 
-def test_a_value_of_a_board_does_not_stay_late_because_the_one_before_was() -> None:
+def test_lateness_of_board_does_not_accumulate() -> None:
     one = feed(Resource(path="power/battery", type="Float", rate_hz=1.0, link="notify"))
     one.offer(item(0.0))
     take(one, 9 * S // 10, 9)  # the first one was late: it waited for a subscription
@@ -112,7 +112,7 @@ def test_a_value_of_a_board_does_not_stay_late_because_the_one_before_was() -> N
     assert delays_ns == [S * 4 // 10, 0, 0, 0]
 
 
-def test_half_of_the_period_is_the_least_interval_and_a_rule_overrides_it() -> None:
+def test_half_period_is_least_interval_unless_ruled() -> None:
     fast = Resource(path="power/battery", type="Float", rate_hz=4.0, link="notify")
     for one, expected in ((feed(fast), S // 8), (feed(fast, min_interval_s=2.0), 2 * S)):
         one.offer(item(1.0))
@@ -121,7 +121,7 @@ def test_half_of_the_period_is_the_least_interval_and_a_rule_overrides_it() -> N
         assert one.due_ns() == expected
 
 
-def test_a_value_that_came_back_before_it_was_told_is_no_news() -> None:
+def test_value_restored_before_sending_is_no_news() -> None:
     one = feed(interval_s=1.0)
     one.offer(item(1.0))
     take(one, 0, 9)
@@ -148,7 +148,7 @@ def test_after_the_longest_interval_it_is_told_again() -> None:
     assert one.due_ns() == 20 * S
 
 
-def test_a_board_that_did_not_arrive_is_sent_as_it_is_by_then() -> None:
+def test_failed_board_is_sent_as_it_is() -> None:
     one = feed()
     one.offer(item(1.0))
     lost = take(one, 0, 9)
@@ -157,7 +157,7 @@ def test_a_board_that_did_not_arrive_is_sent_as_it_is_by_then() -> None:
     assert take(one, S, 9) == [item(2.0, 2)]
 
 
-def test_a_board_that_did_not_arrive_is_sent_although_it_is_what_it_was_before() -> None:
+def test_failed_board_is_sent_although_unchanged() -> None:
     one = feed()
     one.offer(item(1.0))
     take(one, 0, 9)
@@ -182,7 +182,7 @@ def event(sequence: int) -> TreeItem:
     return item("x", sequence, FrameKind.EVENT)
 
 
-def test_events_go_each_in_order_and_those_that_did_not_arrive_go_first() -> None:
+def test_events_go_in_order_failed_ones_first() -> None:
     one = feed(EVENT)
     for sequence in range(1, 6):
         one.offer(event(sequence))
@@ -200,7 +200,7 @@ def test_equal_events_are_events() -> None:
     assert len(take(one, 0, 9)) == 2
 
 
-def test_a_queue_without_room_drops_the_oldest_and_counts_them() -> None:
+def test_queue_without_room_drops_oldest_and_counts_them() -> None:
     one = feed(EVENT)
     for sequence in range(QUEUE_LIMIT + 10):
         one.offer(event(sequence))
@@ -214,7 +214,7 @@ def test_a_queue_without_room_drops_the_oldest_and_counts_them() -> None:
     assert kept == list(range(40, QUEUE_LIMIT + 40))
 
 
-def test_a_queue_has_a_limit_in_bytes_and_the_newest_always_has_room() -> None:
+def test_queue_is_byte_limited_except_newest() -> None:
     one = feed(EVENT)
     size = QUEUE_BYTES // 4
     for sequence in range(9):
@@ -225,7 +225,7 @@ def test_a_queue_has_a_limit_in_bytes_and_the_newest_always_has_room() -> None:
     assert one.dropped == 7
 
 
-def test_while_a_value_of_a_board_is_on_its_way_the_next_one_waits() -> None:
+def test_next_board_value_waits_for_current() -> None:
     one = feed(BOARD)
     one.offer(item(1.0))
     one.take(0, 9, 999)
@@ -236,7 +236,7 @@ def test_while_a_value_of_a_board_is_on_its_way_the_next_one_waits() -> None:
     assert take(one, S, 9) == [item(3.0, 3)]
 
 
-def test_another_computer_of_the_platform_gets_equal_values_too_unless_a_deadband_is_set() -> None:
+def test_own_computer_gets_equal_values_without_deadband() -> None:
     board = msgspec.structs.replace(BOARD, rate_hz=10.0)
     counts = []
     for over_wire, deadband in ((True, 0.0), (False, 0.0), (True, 0.5)):

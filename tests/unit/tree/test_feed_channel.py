@@ -38,9 +38,7 @@ def drain(one: Feed, begin_ns: int, end_ns: int) -> list[tuple[int, int]]:
 @pytest.mark.parametrize(
     ("written_hz", "max_hz"), [(30, 5.0), (30, 7.0), (753, 100.0), (10, 10.0), (5, 10.0)]
 )
-def test_a_limited_stream_sends_at_exactly_its_rate_and_counts_the_rest(
-    written_hz: int, max_hz: float
-) -> None:
+def test_limited_stream_sends_at_rate_counting_rest(written_hz: int, max_hz: float) -> None:
     one, sent = feed(max_hz=max_hz), []
     for sequence in range(20 * written_hz):
         now_ns = sequence * S // written_hz
@@ -53,7 +51,7 @@ def test_a_limited_stream_sends_at_exactly_its_rate_and_counts_the_rest(
     assert one.dropped == 0
 
 
-def test_items_of_a_limited_stream_are_the_newest_of_their_time_when_they_are_sent() -> None:
+def test_limited_stream_sends_newest_items() -> None:
     one = feed(max_hz=5.0)
     for sequence in range(300):
         now_ns = sequence * S // 30
@@ -62,7 +60,7 @@ def test_items_of_a_limited_stream_are_the_newest_of_their_time_when_they_are_se
             assert sent_ns - sent * S // 30 < S // 30
 
 
-def test_after_an_outage_a_limited_stream_catches_up_at_twice_its_rate_and_then_is_level() -> None:
+def test_limited_stream_catches_up_at_double_rate() -> None:
     one = feed(max_hz=10.0)
     for sequence in range(100):
         one.offer(item(sequence, sequence * S // 10))  # ten seconds without a link
@@ -87,7 +85,7 @@ def test_a_buffer_keeps_the_newest_within_its_bytes() -> None:
     assert [sequence for _, sequence in drain(one, S, S)] == list(range(40, 50))
 
 
-def test_a_buffer_keeps_one_item_that_is_larger_than_itself() -> None:
+def test_buffer_keeps_one_oversized_item() -> None:
     one = feed(buffer_bytes=10)
     one.offer(item(1, 0))
     one.offer(item(2, 0))
@@ -103,7 +101,7 @@ def test_a_buffer_keeps_the_newest_of_its_seconds() -> None:
     assert one.dropped == 79
 
 
-def test_what_became_too_old_while_nothing_new_came_is_not_sent() -> None:
+def test_item_that_became_too_old_is_not_sent() -> None:
     one = feed(buffer_s=2.0)
     one.offer(item(1, 0))
     one.offer(item(2, S))
@@ -114,7 +112,7 @@ def test_what_became_too_old_while_nothing_new_came_is_not_sent() -> None:
     assert one.due_ns() is None
 
 
-def test_a_smaller_buffer_holds_at_once_and_a_larger_one_takes_more() -> None:
+def test_smaller_buffer_holds_at_once() -> None:
     one = feed()
     for sequence in range(50):
         one.offer(item(sequence, 0))
@@ -126,7 +124,7 @@ def test_a_smaller_buffer_holds_at_once_and_a_larger_one_takes_more() -> None:
     assert one.waiting[0] == 20_005
 
 
-def test_a_stream_of_rate_nought_is_silent_and_counts_what_it_leaves_out() -> None:
+def test_stream_of_rate_zero_counts_omissions() -> None:
     one = feed(max_hz=0.0)
     one.offer(item(1, 0))
     assert one.due_ns() is None
@@ -136,7 +134,7 @@ def test_a_stream_of_rate_nought_is_silent_and_counts_what_it_leaves_out() -> No
     assert [sequence for _, sequence in drain(one, S, S)] == [2]
 
 
-def test_events_wait_for_their_turn_and_none_is_left_out() -> None:
+def test_events_wait_for_turn_without_omission() -> None:
     one = feed(EVENT, max_hz=2.0)
     for sequence in range(10):
         one.offer(item(sequence, 0))
@@ -146,14 +144,14 @@ def test_events_wait_for_their_turn_and_none_is_left_out() -> None:
     assert one.held_back == 0
 
 
-def test_a_clock_that_steps_back_does_not_silence_a_limited_stream() -> None:
+def test_backward_clock_does_not_silence_limited_stream() -> None:
     one = feed(max_hz=1.0)
     for sequence, stamp_ns in enumerate((1000 * S, 1001 * S, 5 * S, 6 * S, 7 * S)):
         one.offer(item(sequence, stamp_ns))
     assert one.waiting[0] == 5
 
 
-def test_images_that_go_as_video_are_not_notified_and_of_other_streams_the_rule_changes_nothing() -> None:
+def test_images_as_video_are_not_notified() -> None:
     for settings_ in (ChannelSettings(protocol=ChannelProtocol.RTP), ChannelSettings(compression="h264")):
         images, packets = (
             Feed(Resource(path="sensor/packets", kind=Kind.STREAM, type=name), Rule("**"), 0)

@@ -66,7 +66,7 @@ def test_a_bad_pattern_is_refused() -> None:
         matching("nav/{pose")
 
 
-def test_the_digest_is_of_the_content_and_not_of_its_history() -> None:
+def test_digest_depends_on_content_not_history() -> None:
     one, other = tree(), Index()
     for path in reversed(PATHS):
         other.put(board(path))
@@ -77,7 +77,7 @@ def test_the_digest_is_of_the_content_and_not_of_its_history() -> None:
     assert one.digest == other.digest
 
 
-def test_a_search_finds_the_newest_leaf_of_a_path_and_a_copy_keeps_its_own() -> None:
+def test_search_finds_newest_leaf_and_copy_own() -> None:
     index = tree()
     twin = index.copy()
     assert index.put(board("nav/pose", unit="m"))
@@ -129,9 +129,7 @@ _pattern = st.lists(st.sampled_from(["a", "*", "**", "a*", "{a,b}", "{ab,c}*"]),
 
 @given(paths=st.sets(_path, max_size=12), pattern=_pattern, after=st.one_of(st.just(""), _path))
 @example(paths={"a"}, pattern="a/**/**", after="")
-def test_a_search_finds_exactly_what_a_look_at_every_path_would(
-    paths: set[str], pattern: str, after: str
-) -> None:
+def test_search_equals_exhaustive_path_scan(paths: set[str], pattern: str, after: str) -> None:
     index = Index(board(path) for path in paths)
     expected = sorted(path for path in paths if Pattern(pattern).matches(path) and path > after)
     assert [item.resource.path for item in index.match(pattern, after=after)] == expected
@@ -142,7 +140,7 @@ def test_a_search_finds_exactly_what_a_look_at_every_path_would(
     pattern=_pattern,
     after=st.one_of(st.just(""), _path),
 )
-def test_a_search_finds_the_same_after_any_changes_of_an_index_and_of_its_copy(
+def test_search_is_exact_after_any_changes(
     changes: list[tuple[bool, bool, str]], pattern: str, after: str
 ) -> None:
     first = Index([board("a"), board("b/a")])
@@ -161,7 +159,7 @@ def test_a_search_finds_the_same_after_any_changes_of_an_index_and_of_its_copy(
 
 
 @given(st.lists(st.tuples(st.booleans(), _path), max_size=30))
-def test_the_digest_is_that_of_a_fresh_index_after_any_changes(changes: list[tuple[bool, str]]) -> None:
+def test_digest_equals_fresh_index_after_changes(changes: list[tuple[bool, str]]) -> None:
     index = Index()
     for step, (add, path) in enumerate(changes):
         if step % 3 == 0:
@@ -174,7 +172,7 @@ def test_the_digest_is_that_of_a_fresh_index_after_any_changes(changes: list[tup
     assert [item.resource.path for item in index.match("**")] == sorted(item.resource.path for item in index)
 
 
-def test_of_a_hundred_thousand_resources_a_search_looks_at_few_also_the_first_one(
+def test_search_in_hundred_thousand_visits_few(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     index = Index(board(f"unit{i // 100}/value{i % 100}") for i in range(100_000))

@@ -31,7 +31,7 @@ def test_delays_are_those_on_the_own_clock() -> None:
     assert meter.counts["nav", "nav/status"].quantile_ms(1.0) == 4.0
 
 
-def test_without_a_clock_values_are_counted_without_a_delay() -> None:
+def test_values_without_clock_count_without_delay() -> None:
     meter = InputMeter(Address("uav1", "main"), to_local)
     meter.on_items("uav1.fc", 6, [item("sensor/imu", 1)], 2)
     found = meter.counts["fc", "sensor/imu"]

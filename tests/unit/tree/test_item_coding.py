@@ -55,7 +55,7 @@ def plain(items: list[TreeItem]) -> list[TreeItem]:
 
 
 @pytest.mark.parametrize("method", ["zlib:1", "zlib:6", "zstd:1"])
-def test_packets_of_a_lidar_that_are_sent_together_become_less_than_a_third(method: str) -> None:
+def test_lidar_packets_together_shrink_below_third(method: str) -> None:
     items = packets(26)
     coded = code(items, coding(method))
     assert [item.codec for item in coded] == [CONTAINER]
@@ -63,14 +63,14 @@ def test_packets_of_a_lidar_that_are_sent_together_become_less_than_a_third(meth
     assert plain(coded) == items
 
 
-def test_a_receiver_that_does_not_know_the_columns_gets_them_without() -> None:
+def test_receiver_without_columns_gets_none() -> None:
     items = packets(26)
     coded = code(items, coding(reads=frozenset({"zstd", "zlib"})))
     assert 0.4 * size(items) < size(coded) < 0.7 * size(items)
     assert plain(coded) == items
 
 
-def test_a_receiver_that_does_not_know_the_method_gets_plain_values() -> None:
+def test_receiver_without_method_gets_plain_values() -> None:
     assert is_worth(packets(1), coding("zlib:1"))
     assert not is_worth(packets(1), coding("zstd:1", reads=frozenset({"zlib"})))
     assert not is_worth(packets(1), coding("zlib:1", reads=frozenset()))
@@ -86,7 +86,7 @@ def test_small_values_are_not_worth_it() -> None:
     assert is_worth([item, item], coding())
 
 
-def test_values_that_do_not_become_shorter_stay_as_they_are() -> None:
+def test_incompressible_values_stay_unchanged() -> None:
     noise = msgspec.structs.replace(packets(1)[0], data=bytes((i * i * 7 + i // 3) % 251 for i in range(600)))
     noise = msgspec.structs.replace(noise, data=pack(noise.data, Compression.parse("zstd:19")))
     assert code([noise], coding()) == [noise]
@@ -114,7 +114,7 @@ def test_any_run_comes_back_as_it_was(items: list[TreeItem], type_: str, method:
 
 
 @given(st.binary(max_size=200))
-def test_a_damaged_container_is_an_error_with_its_path_and_the_others_arrive(data: bytes) -> None:
+def test_damaged_container_is_error_with_path(data: bytes) -> None:
     good = packets(2)
     broken = msgspec.structs.replace(good[0], data=data, codec=CONTAINER)
     found = list(decode([good[0], broken, *code(packets(8), coding())]))

@@ -99,7 +99,7 @@ def fall(now_ns: int) -> float:
     return 0.5e6 if 5 * S <= now_ns < 15 * S else 5e6
 
 
-def test_what_a_link_carries_that_falls_to_a_tenth_is_young_and_everything_comes_when_it_recovers() -> None:
+def test_stream_on_failing_link_stays_young_and_recovers() -> None:
     link = Link(adaptive(), fall)
     written = link.run(5 * MS, 22 * S)  # 1.6 Mbit/s
     before, slow, after = link.within(1, 5), link.within(6, 15), link.within(19, 22)
@@ -116,14 +116,14 @@ def test_what_a_link_carries_that_falls_to_a_tenth_is_young_and_everything_comes
     assert link.feed.lost == 0
 
 
-def test_without_it_a_stream_waits_in_full_for_seconds() -> None:
+def test_stream_without_link_rate_waits_in_full() -> None:
     link = Link(Feed(SCAN, Rule("**"), 0), fall)
     link.run(5 * MS, 12 * S)
     assert max(one.age_ns for one in link.within(8, 12)) > 2 * S
     assert (link.feed.held_back, link.feed.pace(12 * S)) == (0, (None, ""))
 
 
-def test_the_rate_and_the_reason_are_shown_and_a_set_rate_takes_their_place() -> None:
+def test_rate_and_reason_are_shown_until_set() -> None:
     link = Link(adaptive(), fall)
     following = link.run(5 * MS, 4 * S)
     assert link.feed.pace(4 * S) == (None, "the link carries all")
@@ -138,7 +138,7 @@ def test_the_rate_and_the_reason_are_shown_and_a_set_rate_takes_their_place() ->
     assert len(link.within(12.5, 14)) == pytest.approx(7, abs=1)
 
 
-def test_items_are_sent_at_equal_distances_while_the_link_limits_them() -> None:
+def test_link_limited_items_leave_at_equal_distances() -> None:
     link = Link(adaptive(), lambda _: 0.5e6)
     link.run(5 * MS, 10 * S)
     stamps = [one.at_ns - one.age_ns for one in link.within(4, 10)]
@@ -146,7 +146,7 @@ def test_items_are_sent_at_equal_distances_while_the_link_limits_them() -> None:
     assert sum(gap <= 40 for gap in gaps_ms) > 0.9 * len(gaps_ms), "a period of the link is 16 ms"
 
 
-def test_a_group_of_items_is_sent_whole_over_a_link_that_carries_it() -> None:
+def test_group_of_items_is_sent_whole() -> None:
     link = Link(adaptive(), lambda _: 5e6)
     following = 0
     for second in range(10):
@@ -158,7 +158,7 @@ def test_a_group_of_items_is_sent_whole_over_a_link_that_carries_it() -> None:
     assert len(link.arrived) == following
 
 
-def test_after_a_cut_a_stream_goes_on_with_what_is_new() -> None:
+def test_stream_continues_with_new_after_cut() -> None:
     rate = LinkRate()
     under_way = []
     for number in range(500):
@@ -200,7 +200,7 @@ def test_single_late_acknowledgements_do_not_lower_the_rate() -> None:
     assert not rate.is_limited
 
 
-def test_a_way_that_becomes_longer_does_not_count_as_a_queue_for_ever() -> None:
+def test_longer_way_counts_as_queue_only_temporarily() -> None:
     rate = LinkRate()
     for number in range(4000):
         now_ns = number * 10 * MS
@@ -212,7 +212,7 @@ def test_a_way_that_becomes_longer_does_not_count_as_a_queue_for_ever() -> None:
     assert not rate.is_limited
 
 
-def test_a_clock_that_is_set_back_does_not_silence_a_stream() -> None:
+def test_clock_set_back_does_not_silence_stream() -> None:
     link = Link(adaptive(), lambda _: 0.5e6)
     following = link.run(5 * MS, 1100 * S, 1095 * S)
     now_ns = 5 * S
@@ -225,7 +225,7 @@ def test_a_clock_that_is_set_back_does_not_silence_a_stream() -> None:
     assert len(admitted) > 50
 
 
-def test_of_what_waits_the_newest_item_is_kept_when_the_rate_begins_to_follow() -> None:
+def test_newest_waiting_item_is_kept_at_start() -> None:
     feed = Feed(SCAN, Rule("**"), 0)
     for number in range(50):
         feed.offer(item(number, number * MS))
@@ -245,13 +245,13 @@ def test_what_is_returned_is_under_way_no_more() -> None:
 
 
 @pytest.mark.parametrize("resource", [EVENT, BOARD])
-def test_events_and_boards_have_no_rate_that_leaves_them_out(resource: Resource) -> None:
+def test_events_and_boards_are_never_omitted(resource: Resource) -> None:
     feed = adaptive(resource)
     assert feed.link_rate is None
     assert feed.channel.limit_ns == 0
 
 
-def test_a_board_that_is_written_faster_than_its_link_acknowledges_shows_its_rate() -> None:
+def test_overdriven_board_shows_rate_of_link() -> None:
     board = Feed(BOARD, Rule("**"), 0)
     link = Link(board, lambda _: 100e3)
     written = link.run(10 * MS, 10 * S)  # 0.8 Mbit/s
@@ -265,7 +265,7 @@ def test_a_board_that_is_written_faster_than_its_link_acknowledges_shows_its_rat
     assert board.pace(30 * S) == (None, "")
 
 
-def test_a_board_within_its_rate_is_not_held_back_by_the_link() -> None:
+def test_board_within_rate_is_not_delayed() -> None:
     board = Feed(BOARD, Rule("**", min_interval_s=0.2), 0)
     link = Link(board, lambda _: 5e6)
     link.run(10 * MS, 5 * S)

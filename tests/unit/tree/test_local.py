@@ -31,12 +31,12 @@ def test_it_is_the_template_before_anything_runs() -> None:
     assert paths(tree()) == {"nav/pose": False, "power/battery": False}
 
 
-def test_an_application_that_provides_what_was_planned_changes_nothing() -> None:
+def test_application_that_provides_what_was_planned_changes_nothing() -> None:
     one = tree()
     assert not one.set_live([Resource(path="nav/pose", type="Pose", rate_hz=20.0, owner="navigator")], 0)
 
 
-def test_what_no_template_names_is_added_and_goes_lost_then_expired_with_its_owner() -> None:
+def test_resource_outside_templates_expires_with_owner() -> None:
     one = tree()
     assert one.set_live([EXTRA], 0)
     assert one.deadline_ns() is None
@@ -51,7 +51,7 @@ def test_what_no_template_names_is_added_and_goes_lost_then_expired_with_its_own
     assert one.deadline_ns() is None
 
 
-def test_a_quick_restart_of_the_owner_is_not_seen_outside() -> None:
+def test_quick_restart_of_owner_is_not_seen_outside() -> None:
     one = tree()
     one.set_live([EXTRA], 0)
     digest = one.digest
@@ -61,7 +61,7 @@ def test_a_quick_restart_of_the_owner_is_not_seen_outside() -> None:
     assert one.digest == digest
 
 
-def test_an_owner_that_comes_back_late_finds_its_resource() -> None:
+def test_returning_owner_finds_its_resource() -> None:
     one = tree()
     one.set_live([EXTRA], 0)
     digest = one.digest
@@ -72,7 +72,7 @@ def test_an_owner_that_comes_back_late_finds_its_resource() -> None:
     assert one.digest == digest
 
 
-def test_what_the_template_names_is_as_planned_again_when_its_owner_stays_away() -> None:
+def test_templated_resource_is_planned_again_without_owner() -> None:
     one = tree()
     digest = one.digest
     one.set_live([Resource(path="power/battery", type="BatteryState", owner="driver2")], 0)
@@ -91,7 +91,7 @@ def test_the_application_knows_facts_the_template_decides_policy() -> None:
     assert (merged.link, merged.log, merged.description) == ("tick", "10hz", "where")
 
 
-def test_a_contradiction_to_the_template_is_said_and_what_runs_counts(
+def test_contradiction_to_template_is_reported_and_overridden(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     live = Resource(path="nav/pose", kind=Kind.EVENT, type="Text", owner="other")
@@ -100,7 +100,7 @@ def test_a_contradiction_to_the_template_is_said_and_what_runs_counts(
     assert "nav/pose: other provides it as event Text, the template defines board Pose" in caplog.text
 
 
-def test_a_board_whose_owner_takes_messages_at_its_path_stays_a_board() -> None:
+def test_board_with_owners_inbox_stays_board() -> None:
     goal = Resource(path="nav/goal", type="Goal", access="rw")
     inbox = Resource(path="nav/goal", kind=Kind.COMMAND, type="Goal", owner="navigator")
     assert merge(goal, inbox).kind is Kind.BOARD
@@ -115,12 +115,12 @@ def ask(one: LocalTree, held: int, *, full: bool = False) -> StructureReply:
     return one.answer(StructureRequest("gcs", 1, 2, held, full))
 
 
-def test_whoever_has_the_structure_is_told_so_in_a_few_bytes() -> None:
+def test_present_structure_is_confirmed_in_few_bytes() -> None:
     one = tree()
     assert ask(one, one.digest).form is StructureEncoding.UNCHANGED
 
 
-def test_whoever_has_a_former_structure_gets_the_changes_since() -> None:
+def test_holder_of_former_structure_gets_changes() -> None:
     one = tree()
     held = Index(one.index)
     one.set_live([EXTRA], 0)

@@ -24,7 +24,7 @@ def received(stamp_ns: int) -> Frame:
     return Frame(FrameKind.BOARD, ID, hardware_id("uav2"), stamp_ns=stamp_ns, payload=b"\x02")
 
 
-async def test_a_late_notification_does_not_keep_the_beacons_from_the_mirror(tmp_path: Path) -> None:
+async def test_late_notification_does_not_keep_beacons_from_mirror(tmp_path: Path) -> None:
     async with tmp_node(tmp_path) as node:
         tree, broker = Mirrors(node), MirrorWriter(node)
         tree.write(notified(1))

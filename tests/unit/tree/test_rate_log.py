@@ -7,7 +7,7 @@ import pytest
 from swarmd.tree.records.report import RateLog
 
 
-def test_it_records_when_a_link_begins_to_limit_a_stream_and_when_it_ends(
+def test_log_records_begin_and_end_of_limit(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     caplog.set_level(logging.INFO, "swarm.tree")

@@ -146,7 +146,7 @@ def test_the_state_of_a_subscription_follows_its_table(
         (EPOCH + 1, None, StructureState.STALE),
     ],
 )
-def test_what_a_platform_announces_during_a_request_is_compared_with_the_reply(
+def test_announcement_during_request_is_compared_with_reply(
     epoch: int, digest: int | None, after: StructureState
 ) -> None:
     structure = structure_in(StructureState.ASKING)
@@ -157,7 +157,7 @@ def test_what_a_platform_announces_during_a_request_is_compared_with_the_reply(
     assert structure.state is after
 
 
-def test_a_version_that_was_advertised_before_the_request_is_older_than_its_reply() -> None:
+def test_version_before_request_is_older_than_reply() -> None:
     structure = StructureReplica()
     structure.on_advertised(5)
     structure.on_asked()
@@ -172,7 +172,7 @@ def test_a_version_that_was_advertised_before_the_request_is_older_than_its_repl
         assert structure.state is after, "another version came in between: the former one is news again"
 
 
-def test_a_version_that_agrees_does_not_undo_what_the_platform_itself_said() -> None:
+def test_agreeing_version_keeps_platforms_own_changes() -> None:
     structure = structure_in(StructureState.CURRENT)
     structure.on_announced(EPOCH + 1, None)
     structure.on_advertised(version(EPOCH, INDEX.digest))
@@ -180,7 +180,7 @@ def test_a_version_that_agrees_does_not_undo_what_the_platform_itself_said() -> 
     assert structure.is_due
 
 
-def test_a_subscription_that_changes_during_a_request_is_sent_again_after_its_reply() -> None:
+def test_subscription_changed_during_request_is_resent() -> None:
     subscription = subscription_in(SubscriptionState.ASKING)
     subscription.set_wanted(ANOTHER)
     subscription.on_confirmed(EPOCH, WANTED.digest)
@@ -189,7 +189,7 @@ def test_a_subscription_that_changes_during_a_request_is_sent_again_after_its_re
     assert subscription.on_asked(), "it holds this one: a renewal is enough"
 
 
-def test_a_renewal_that_is_unknown_there_is_sent_whole() -> None:
+def test_renewal_that_is_unknown_there_is_sent_whole() -> None:
     subscription = subscription_in(SubscriptionState.UNVERIFIED)
     assert subscription.on_asked()
     subscription.on_unknown()

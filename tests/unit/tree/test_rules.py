@@ -31,7 +31,7 @@ def interval_s(both: Pair, path: str) -> float:
     return replica.interval_s(path)
 
 
-def test_an_operators_rule_holds_at_once_for_a_subscriber_in_place_of_its_own() -> None:
+def test_operators_rule_replaces_subscribers_at_once() -> None:
     own = RuleConfig(pattern="power/*", deadband=100.0)
     both = Pair(core("gcs", rules=(own,)), core("uav1"))
     both.trees["gcs"].on_applications([], ["/uav1/power/battery"], 0)
@@ -53,7 +53,7 @@ def test_an_operators_rule_holds_at_once_for_a_subscriber_in_place_of_its_own() 
     assert got(both)[-1] != 12.0, "the rule of the subscriber again"
 
 
-def test_a_value_is_repeated_after_the_maximum_interval_of_the_rule() -> None:
+def test_value_is_repeated_after_maximum_interval_of_rule() -> None:
     both = pair("/uav1/power/battery")
     both.trees["uav1"].on_rules((Rule("**", 0.0, 0.0, 5.0),), both.now_ns)
     write(both, 1.0, 1)
@@ -61,7 +61,7 @@ def test_a_value_is_repeated_after_the_maximum_interval_of_the_rule() -> None:
     assert got(both) == [1.0, 1.0, 1.0]
 
 
-def test_a_rule_sets_the_interval_in_the_beacon_and_subscribers_know_it() -> None:
+def test_rule_sets_beacon_interval_known_to_subscribers() -> None:
     both = pair("/*/nav/pose", "/uav1/power/battery")
     uav = both.trees["uav1"]
     assert uav.plan_changed()
@@ -80,7 +80,7 @@ def test_a_rule_sets_the_interval_in_the_beacon_and_subscribers_know_it() -> Non
     assert (interval_s(both, "nav/pose"), interval_s(both, "power/battery")) == (0.5, 4.0)
 
 
-def test_the_first_rule_that_matches_is_that_of_a_resource() -> None:
+def test_first_rule_that_matches_is_that_of_resource() -> None:
     uav = core("uav1")
     rules = (Rule("power/battery", 1.0), Rule("power/*", 2.0))
     uav.on_rules(rules, 0)
@@ -89,7 +89,7 @@ def test_the_first_rule_that_matches_is_that_of_a_resource() -> None:
     assert uav.subscribers.rule_of("nav/pose") is None
 
 
-def test_rules_are_kept_over_a_start_the_newest_first_and_one_is_changed_field_by_field(
+def test_rules_are_kept_newest_first_and_editable(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / "data" / "rules.toml"
@@ -119,9 +119,7 @@ def test_rules_are_kept_over_a_start_the_newest_first_and_one_is_changed_field_b
         TreeRule("**", min_interval_s=5.0, max_interval_s=2.0),
     ],
 )
-def test_a_rule_that_makes_no_sense_is_refused_and_changes_nothing(
-    tmp_path: Path, request_: TreeRule
-) -> None:
+def test_senseless_rule_is_refused_and_changes_nothing(tmp_path: Path, request_: TreeRule) -> None:
     store = RuleStore(tmp_path / "rules.toml")
     with pytest.raises(InvalidInput):
         store.changed(request_)
@@ -132,7 +130,7 @@ def test_a_rule_that_makes_no_sense_is_refused_and_changes_nothing(
 @pytest.mark.parametrize(
     "content", [b"rules = 5", b"\xff", b"[[rules]]\npattern = '{'", b"[[rules]]\ncolour = 1"]
 )
-def test_a_broken_file_of_rules_is_kept_aside_and_named(
+def test_damaged_rule_file_is_set_aside(
     tmp_path: Path, content: bytes, caplog: pytest.LogCaptureFixture
 ) -> None:
     path = tmp_path / "rules.toml"

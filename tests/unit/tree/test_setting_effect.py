@@ -54,7 +54,7 @@ async def bench(tmp_path: Path) -> AsyncIterator[Bench]:
         yield Bench(tree, pilot)
 
 
-async def test_the_answer_comes_when_the_application_has_taken_the_value(tmp_path: Path) -> None:
+async def test_answer_comes_when_application_has_taken_value(tmp_path: Path) -> None:
     async with bench(tmp_path) as made:
         answer = asyncio.ensure_future(made.followed(4.0))
         for _ in range(10):
@@ -64,7 +64,7 @@ async def test_the_answer_comes_when_the_application_has_taken_the_value(tmp_pat
         assert await answer == msgspec.structs.replace(DONE, applied_by=("pilot",))
 
 
-async def test_the_value_that_is_in_force_already_is_confirmed_too(tmp_path: Path) -> None:
+async def test_value_already_in_force_is_confirmed(tmp_path: Path) -> None:
     async with bench(tmp_path) as made:
         made.board.write(Float(4.0))
         assert made.live.take() == Config(4.0)
@@ -74,9 +74,7 @@ async def test_the_value_that_is_in_force_already_is_confirmed_too(tmp_path: Pat
 
 
 @pytest.mark.parametrize("taken", [None, 3.0])
-async def test_an_application_that_does_not_take_it_in_time_is_named(
-    tmp_path: Path, taken: float | None
-) -> None:
+async def test_application_not_taking_it_is_named(tmp_path: Path, taken: float | None) -> None:
     async with bench(tmp_path) as made:
         if taken is not None:
             made.board.write(Float(taken))
@@ -85,7 +83,7 @@ async def test_an_application_that_does_not_take_it_in_time_is_named(
         assert (done.applied_by, done.awaited) == ((), ("pilot",))
 
 
-async def test_a_setting_that_no_application_has_is_answered_at_once(tmp_path: Path) -> None:
+async def test_setting_without_application_is_answered_at_once(tmp_path: Path) -> None:
     async with bench(tmp_path) as made:
         found = await SettingEffect(made.tree, 30.0).followed("config/other/kp", Float(4.0), DONE)
         assert found == DONE

@@ -51,7 +51,7 @@ async def made(tmp_path: Path) -> AsyncIterator[Bench]:
         yield Bench(module, tmp_path / "settings.toml")
 
 
-async def test_a_setting_that_was_never_changed_has_the_value_of_its_file(tmp_path: Path) -> None:
+async def test_unchanged_setting_has_value_of_file(tmp_path: Path) -> None:
     async with made(tmp_path) as bench:
         settings = bench.settings()
         assert bench.value == 1.2, "no owner yet: the default of the template"
@@ -64,7 +64,7 @@ async def test_a_setting_that_was_never_changed_has_the_value_of_its_file(tmp_pa
         assert not bench.file.exists()
 
 
-async def test_the_value_of_a_file_beyond_the_range_of_the_setting_is_shown_because_it_is_in_force(
+async def test_file_value_beyond_range_is_shown(
     tmp_path: Path,
 ) -> None:
     async with made(tmp_path) as bench:
@@ -76,7 +76,7 @@ async def test_the_value_of_a_file_beyond_the_range_of_the_setting_is_shown_beca
         settings.close()
 
 
-async def test_an_override_stays_over_restarts_and_changes_of_the_file_until_it_is_reset(
+async def test_override_survives_restarts_until_reset(
     tmp_path: Path,
 ) -> None:
     async with made(tmp_path) as bench:
@@ -97,7 +97,7 @@ async def test_an_override_stays_over_restarts_and_changes_of_the_file_until_it_
         settings.close()
 
 
-async def test_an_owner_that_joins_gets_its_settings_written_again(tmp_path: Path) -> None:
+async def test_owner_that_joins_gets_its_settings_written_again(tmp_path: Path) -> None:
     async with made(tmp_path) as bench:
         settings = bench.settings()
         settings.on_applications([navigator(1.5)])
@@ -110,7 +110,7 @@ async def test_an_owner_that_joins_gets_its_settings_written_again(tmp_path: Pat
         settings.close()
 
 
-async def test_each_change_is_in_the_history_and_undo_returns_to_the_file(tmp_path: Path) -> None:
+async def test_each_change_is_recorded_and_undone(tmp_path: Path) -> None:
     async with made(tmp_path) as bench:
         settings = bench.settings()
         settings.on_applications([navigator(1.5)])
@@ -150,7 +150,7 @@ async def test_undo_of_the_first_change_removes_the_override(tmp_path: Path) -> 
         settings.close()
 
 
-async def test_a_setting_stored_by_version_0_1_may_be_undone(tmp_path: Path) -> None:
+async def test_setting_stored_by_version_0_1_undoes(tmp_path: Path) -> None:
     async with made(tmp_path) as bench:
         bench.file.write_text('["config/navigator/kp"]\nvalue = 1.7\nversion = 1\nbefore = 1.25\n')
         settings = bench.settings()

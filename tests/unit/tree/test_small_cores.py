@@ -21,7 +21,7 @@ def route(platform: str, via: str, version: int = 5, hardware: int | None = None
     return RouteState(platform, hw, via, 256, 1, version, 0)
 
 
-def test_whoever_has_a_route_can_be_reached_and_neighbours_are_near() -> None:
+def test_routed_nodes_are_reachable_and_neighbours_near() -> None:
     routes = Routes((route("uav1", "uav1"), route("uav2", "uav1", 7), route("gcs", "gcs")))
     neighbours = Neighbours((neighbour("uav1", "up", 6), neighbour("uav3", "half_open")))
     assert reachable("gcs", neighbours, routes) == {
@@ -31,7 +31,7 @@ def test_whoever_has_a_route_can_be_reached_and_neighbours_are_near() -> None:
     assert reachable("gcs", None, None) == {}
 
 
-def test_a_node_of_unknown_name_is_left_out_and_each_unit_of_a_platform_is_a_node() -> None:
+def test_unnamed_node_is_omitted_units_are_nodes() -> None:
     routes = Routes((route("a1b2c3d4", "a1b2c3d4", hardware=0xA1B2C3D4),))
     neighbours = Neighbours((neighbour("uav1", "up", unit="fc1"), neighbour("", "up")))
     assert reachable("gcs", neighbours, routes).keys() == {"uav1.fc1"}
@@ -39,7 +39,7 @@ def test_a_node_of_unknown_name_is_left_out_and_each_unit_of_a_platform_is_a_nod
     assert reachable("uav1.fc1", neighbours, routes) == {}
 
 
-def test_a_version_that_nobody_has_heard_yet_is_none() -> None:
+def test_unannounced_version_is_absent() -> None:
     assert reachable("gcs", None, Routes((route("uav1", "uav1", 0),))) == {"uav1": Reachability(None, True)}
 
 
@@ -66,7 +66,7 @@ def test_quality_is_of_owner_age_and_way(
     assert quality(leaf(resource, lost=lost), age_s, reachable=reachable_now, known=known) == expected
 
 
-def test_a_mirror_of_a_board_at_rest_is_live_between_two_beacons() -> None:
+def test_resting_boards_mirror_is_live_between_beacons() -> None:
     def seen(resource: Resource, age_s: float) -> str:
         return quality(leaf(resource), age_s, reachable=True, known=True, mirrored=True)
 
@@ -86,7 +86,7 @@ def test_a_mirror_of_a_board_at_rest_is_live_between_two_beacons() -> None:
         (0.0, 0.1, 1.2, "live"),
     ],
 )
-def test_a_board_that_is_sent_less_often_than_its_rate_is_stale_later(
+def test_board_sent_rarely_is_stale_later(
     max_age_s: float, interval_s: float, age_s: float, expected: str
 ) -> None:
     pose = Resource(path="nav/pose", type="Pose", rate_hz=10.0, max_age_s=max_age_s)
@@ -94,7 +94,7 @@ def test_a_board_that_is_sent_less_often_than_its_rate_is_stale_later(
     assert found == expected
 
 
-def test_timers_come_up_once_in_order_and_can_be_moved_and_dropped() -> None:
+def test_timers_fire_once_in_order() -> None:
     timers: Timers[str] = Timers()
     assert timers.next_ns() is None
     timers.set("a", 30)
@@ -111,7 +111,7 @@ def test_timers_come_up_once_in_order_and_can_be_moved_and_dropped() -> None:
     assert (timers.pop(8), timers.pop(50)) == ("a", None)
 
 
-def test_rules_of_the_configuration_are_rules_on_the_wire() -> None:
+def test_rules_of_configuration_are_rules_on_wire() -> None:
     config = parse(
         'rules = [{ pattern = "power/**", deadband = 0.01, min_interval_s = 1.0 }]', Config, "tree.toml"
     )

@@ -77,7 +77,7 @@ def test_what_cannot_be_written_changes_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("call", ["open", "fsync", "replace"])
-def test_a_full_disk_refuses_a_setting_and_leaves_nothing_behind(
+def test_full_disk_refuses_setting_and_leaves_nothing_behind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
 ) -> None:
     path = tmp_path / "settings.toml"
@@ -101,7 +101,7 @@ def test_a_full_disk_refuses_a_setting_and_leaves_nothing_behind(
     assert store.put("config/a", change(2.0, 1.0)).version == 2
 
 
-def test_a_change_to_the_value_of_the_file_is_no_override(tmp_path: Path) -> None:
+def test_change_to_value_of_file_is_no_override(tmp_path: Path) -> None:
     path = tmp_path / "settings.toml"
     store = SettingsStore(path)
     store.put("config/a", change(2.0, 1.0, overrode=False))
@@ -124,7 +124,7 @@ def test_the_history_of_a_setting_is_bounded(tmp_path: Path) -> None:
     assert [one.before for one in kept.history] == list(range(3, HISTORY_LIMIT + 3))
 
 
-def test_long_histories_become_shorter_before_the_file_is_too_large_to_be_read(tmp_path: Path) -> None:
+def test_long_histories_shorten_before_file_overflows(tmp_path: Path) -> None:
     path = tmp_path / "settings.toml"
     store = SettingsStore(path)
     for number in range(12):

@@ -22,7 +22,7 @@ B_LOST = leaf(Resource(path="b", type="Int", unit="m"), lost=True)
 C = leaf(Resource(path="c", type="Text"))
 
 
-def test_changes_applied_on_the_other_side_give_the_same_digest() -> None:
+def test_changes_applied_on_other_side_give_same_digest() -> None:
     index = Index([A, B])
     patch = structure.decode(structure.encode([B_LOST, C], ["a"]))
     patch.apply(index)
@@ -34,7 +34,7 @@ def test_a_template_travels_with_the_changes() -> None:
     assert Index(patch.template).digest == Index([A, B]).digest
 
 
-def test_the_dictionary_of_the_protocol_page_opens_our_structures() -> None:
+def test_dictionary_of_protocol_page_opens_our_structures() -> None:
     page = (Path(__file__).parents[3] / "share/doc/protocol.md").read_text("utf-8")
     (shown,) = re.findall(r"```structure-dictionary\n([0-9a-f]+)\n```", page)
     dictionary = bytes.fromhex(shown)
@@ -43,7 +43,7 @@ def test_the_dictionary_of_the_protocol_page_opens_our_structures() -> None:
     assert f"dictionary id {zlib.adler32(dictionary):#x}" in " ".join(page.split())
 
 
-def test_the_version_changes_with_the_start_and_with_the_content() -> None:
+def test_version_changes_with_start_and_with_content() -> None:
     versions = {structure.version(epoch, digest) for epoch in (1, 2) for digest in (0, 1, 1 << 63)}
     assert len(versions) == 6
     assert all(0 <= version < 1 << 32 for version in versions)
@@ -58,18 +58,18 @@ def test_any_bytes_are_changes_or_a_wire_error(data: bytes) -> None:
 @given(
     st.recursive(st.one_of(st.integers(-9, 9), st.text(max_size=5), st.booleans()), st.lists, max_leaves=12)
 )
-def test_any_packed_data_are_changes_or_a_wire_error(plain: object) -> None:
+def test_any_packed_data_are_changes_or_wire_error(plain: object) -> None:
     with contextlib.suppress(WireError):
         structure.decode(zlib.compress(msgspec.msgpack.encode(plain)))
 
 
-def test_a_descriptor_that_contradicts_itself_is_a_wire_error() -> None:
+def test_descriptor_that_contradicts_itself_is_wire_error() -> None:
     data = zlib.compress(msgspec.msgpack.encode([[{"path": "/uav1/a", "type": "Float"}], [], [], []]))
     with pytest.raises(WireError, match="local path"):
         structure.decode(data)
 
 
-def test_more_than_a_frame_may_hold_is_not_inflated() -> None:
+def test_more_than_frame_may_hold_is_not_inflated() -> None:
     bomb = zlib.compress(msgspec.msgpack.encode(Changes(removed=("x" * 20_000_000,))), 9)
     assert len(bomb) < 100_000
     with pytest.raises(WireError, match="cut short"):
@@ -86,7 +86,7 @@ def test_the_history_tells_every_path_changed_since() -> None:
     assert history.since(9) is None
 
 
-def test_a_structure_that_came_back_to_a_former_state_is_told_from_its_last_visit() -> None:
+def test_structure_returning_differs_from_last_visit() -> None:
     history = History()
     history.add(1, frozenset({"a"}))
     history.add(2, frozenset({"a"}))

@@ -35,7 +35,7 @@ def test_rules_go_along_only_where_something_is_wanted() -> None:
     assert found.of(Address("uav2")).rules == ()
 
 
-def test_equal_wishes_are_one_object_and_differ_by_digest_from_others() -> None:
+def test_equal_subscriptions_are_one_object_by_digest() -> None:
     found = interests("/*/nav/pose")
     assert found.of(Address("uav1")) is found.of(Address("uav2"))
     assert make_subscription(frozenset({"a"}), ()).digest != make_subscription(frozenset({"b"}), ()).digest
@@ -51,7 +51,7 @@ def test_it_says_whether_anything_changed() -> None:
     assert found.set_patterns([])
 
 
-def test_what_is_no_pattern_is_named_and_the_rest_counts() -> None:
+def test_invalid_pattern_is_named_and_rest_counts() -> None:
     found = interests("/uav1/nav/{pose", "/uav1/power/battery")
     assert list(found.refused) == ["/uav1/nav/{pose"]
     assert found.of(Address("uav1")).patterns == ("power/battery",)
@@ -76,7 +76,7 @@ def test_values_move_by_interest(resource: Resource, patterns: tuple[str, ...], 
     assert subscribable(leaf(resource), patterns) is expected
 
 
-def test_what_is_kept_is_wanted_of_everybody_slowly_unless_an_application_reads_it() -> None:
+def test_kept_resource_is_slow_unless_read() -> None:
     found = LocalSubscriptions(Address("gcs"), [RULE], ["nav/pose", "power/battery"])
     slow = Rule("nav/pose", min_interval_s=1.0)
     assert found.of(Address("uav1")).patterns == ("nav/pose", "power/battery")

@@ -47,7 +47,7 @@ def test_a_subscriber_gets_what_its_role_may_have(sender: Sender | None, paths: 
     assert sent(owner) == paths
 
 
-def test_a_renewal_with_another_role_changes_what_is_sent() -> None:
+def test_renewal_with_another_role_changes_what_is_sent() -> None:
     owner = tree()
     subscribe(owner, Sender("gcs", Role.OPERATOR))
     assert not subscribe(owner, Sender("gcs", Role.OBSERVER), renew=True).unknown
@@ -70,7 +70,7 @@ def test_a_rule_of_notifications_keeps_the_rights() -> None:
     assert sent(owner) == {BATTERY.path}
 
 
-def test_other_access_rules_change_what_is_sent_to_present_subscribers() -> None:
+def test_other_access_rules_change_sent_values() -> None:
     access = Access(RULES)
     owner = SwarmTree("uav1", TEMPLATE, CONFIG, epoch=1, access=access)
     subscribe(owner, Sender("gcs", Role.NODE))

@@ -24,7 +24,7 @@ def got(both: Pair) -> list[float]:
     return [msgspec.msgpack.decode(item.data)[0] for item in both.received["gcs"]]
 
 
-def test_the_owner_watches_what_somebody_wants_and_tells_it() -> None:
+def test_owner_watches_and_sends_wanted_resource() -> None:
     both = pair("/uav1/power/battery")
     assert ("uav1", Watch(BATTERY)) in both.log
     battery(both, 0.9)
@@ -32,14 +32,14 @@ def test_the_owner_watches_what_somebody_wants_and_tells_it() -> None:
     assert got(both) == [0.9]
 
 
-def test_nothing_is_watched_any_more_when_nobody_wants_it() -> None:
+def test_unwanted_resource_is_no_longer_watched() -> None:
     both = pair("/uav1/power/battery")
     both.trees["gcs"].on_applications([], [], 0)
     both.carry()
     assert both.log[-1] == ("uav1", Unwatch("power/battery"))
 
 
-def test_a_far_platform_is_told_when_nothing_of_it_is_wanted_any_more() -> None:
+def test_far_platform_learns_that_nothing_is_wanted() -> None:
     both = pair("/uav1/power/battery", near=False)
     both.trees["gcs"].on_applications([], [], 0)
     both.carry()
@@ -70,7 +70,7 @@ def test_who_subscribes_later_gets_the_value_there_is() -> None:
     assert [item.path for item in three.received["uav2"]] == ["power/battery"]
 
 
-def test_one_value_of_a_board_at_a_time_and_the_newest_value_in_the_next() -> None:
+def test_one_board_value_at_once_newest_next() -> None:
     both = pair("/uav1/power/battery")
     uav = both.trees["uav1"]
     battery(both, 0.9)
@@ -85,7 +85,7 @@ def test_one_value_of_a_board_at_a_time_and_the_newest_value_in_the_next() -> No
     assert [item.sequence for item in second.notify.items] == [3]
 
 
-def test_what_was_not_acknowledged_is_sent_again_after_a_pause() -> None:
+def test_unacknowledged_value_is_resent_after_pause() -> None:
     both = pair("/uav1/power/battery")
     battery(both, 0.9)
     both.carry(lose=True)
@@ -97,7 +97,7 @@ def test_what_was_not_acknowledged_is_sent_again_after_a_pause() -> None:
     assert both.trees["uav1"].subscribers.failures == 1
 
 
-def test_what_is_given_up_holds_up_nothing_behind_it() -> None:
+def test_abandoned_value_delays_nothing_behind_it() -> None:
     both = pair("/uav1/power/battery", "/uav1/health/faults")
     uav = both.trees["uav1"]
     uav.on_values([value("health/faults", 1.0, 1, FrameKind.EVENT)], both.now_ns)
@@ -114,7 +114,7 @@ def test_what_is_given_up_holds_up_nothing_behind_it() -> None:
     assert sorted(got(both)) == [0.9, 1.0]
 
 
-def test_a_late_notification_does_not_undo_a_newer_one() -> None:
+def test_late_notification_does_not_undo_newer_one() -> None:
     both = pair("/uav1/power/battery")
     battery(both, 0.9)
     (old,) = both.trees["uav1"].drain()
@@ -126,7 +126,7 @@ def test_a_late_notification_does_not_undo_a_newer_one() -> None:
     assert got(both) == [0.8]
 
 
-def test_a_notification_of_a_former_start_is_refused_also_when_none_of_it_was_heard_before() -> None:
+def test_notification_of_former_start_is_refused() -> None:
     both = pair("/uav1/power/battery")
     battery(both, 0.9)
     (old,) = both.trees["uav1"].drain()
@@ -142,7 +142,7 @@ def test_a_notification_of_a_former_start_is_refused_also_when_none_of_it_was_he
     assert got(both) == [0.5, 0.4]
 
 
-def test_a_notification_of_a_start_not_heard_of_yet_counts_and_is_looked_into() -> None:
+def test_notification_of_unknown_start_counts_and_asks() -> None:
     both = pair("/uav1/power/battery")
     both.replace(core("uav1", epoch=2))
     both.hear("gcs", TreeNotify("uav1", 2, 1, (value("power/battery", 0.3),)))
@@ -160,7 +160,7 @@ def test_values_that_nobody_asked_for_are_not_taken() -> None:
     assert got(both) == []
 
 
-def test_a_subscriber_that_started_again_is_told_everything_again() -> None:
+def test_restarted_subscriber_gets_everything_again() -> None:
     both = pair("/uav1/power/battery")
     battery(both, 0.9)
     both.carry()
@@ -172,7 +172,7 @@ def test_a_subscriber_that_started_again_is_told_everything_again() -> None:
     assert got(both) == [0.9, 0.9]
 
 
-def test_a_lease_holds_through_silence_without_a_word_while_the_subscriber_is_in_reach() -> None:
+def test_lease_survives_silence_of_reachable_subscriber() -> None:
     both = pair("/uav1/power/battery")
     both.log.clear()
     both.wait(3000)
@@ -182,7 +182,7 @@ def test_a_lease_holds_through_silence_without_a_word_while_the_subscriber_is_in
     assert got(both) == [0.9]
 
 
-def test_a_lease_that_ran_out_ends_and_a_renewal_of_it_is_answered_by_a_request_for_the_whole() -> None:
+def test_renewal_of_ended_lease_requests_everything() -> None:
     both = pair("/uav1/power/battery")
     uav, gcs = both.trees["uav1"], both.trees["gcs"]
     gcs.on_gone("uav1", 0)
@@ -196,7 +196,7 @@ def test_a_lease_that_ran_out_ends_and_a_renewal_of_it_is_answered_by_a_request_
     assert got(both) == [0.9]
 
 
-def test_who_was_away_for_the_owner_only_is_told_that_its_lease_is_over() -> None:
+def test_subscriber_away_for_owner_learns_lease_end() -> None:
     both = pair("/uav1/power/battery")
     uav = both.trees["uav1"]
     uav.on_gone("gcs", both.now_ns)
@@ -212,7 +212,7 @@ def test_who_was_away_for_the_owner_only_is_told_that_its_lease_is_over() -> Non
     assert got(both) == [0.9]
 
 
-def test_who_subscribes_again_gets_what_comes_from_then_on() -> None:
+def test_subscriber_again_gets_only_later_values() -> None:
     both = pair("/uav1/power/battery")
     for volt in (0.9, 0.8, 0.7):
         battery(both, volt)
@@ -228,7 +228,7 @@ def test_who_subscribes_again_gets_what_comes_from_then_on() -> None:
     assert got(both) == [0.9, 0.8, 0.7, 0.6, 0.5]
 
 
-def test_what_comes_after_a_lease_that_ran_out_is_taken_also_when_much_came_before() -> None:
+def test_values_after_ended_lease_are_accepted() -> None:
     both = pair("/uav1/power/battery")
     uav, gcs = both.trees["uav1"], both.trees["gcs"]
     for volt in (0.9, 0.8, 0.7):
@@ -245,7 +245,7 @@ def test_what_comes_after_a_lease_that_ran_out_is_taken_also_when_much_came_befo
     assert got(both) == [0.9, 0.8, 0.7, 0.6]
 
 
-def test_a_subscription_of_a_former_start_that_nobody_wants_is_taken_back() -> None:
+def test_unwanted_subscription_of_former_start_is_cancelled() -> None:
     both = pair("/uav1/power/battery")
     both.replace(core("gcs", epoch=5))
     both.meet()
@@ -257,7 +257,7 @@ def test_a_subscription_of_a_former_start_that_nobody_wants_is_taken_back() -> N
     assert both.trees["uav1"].subscribers.platforms() == []
 
 
-def test_where_nothing_comes_through_for_a_lease_it_ends_though_nobody_says_that_it_has_gone() -> None:
+def test_lease_ends_without_delivery_or_announcement() -> None:
     both = pair("/uav1/power/battery")
     uav = both.trees["uav1"]
     battery(both, 0.9)
@@ -268,7 +268,7 @@ def test_where_nothing_comes_through_for_a_lease_it_ends_though_nobody_says_that
     assert uav.subscribers.platforms() == []
 
 
-def test_what_happens_while_the_subscriber_is_away_is_told_when_it_is_back() -> None:
+def test_events_during_absence_are_sent_at_return() -> None:
     both = pair("/uav1/power/battery", "/uav1/health/faults")
     uav = both.trees["uav1"]
     uav.on_gone("gcs", 0)
@@ -312,7 +312,7 @@ def test_periodic_boards_are_for_the_beacon() -> None:
     assert (uav.subscribers.offers(), gcs.replicas.wants()) == ([], [])
 
 
-def test_of_several_subscribers_the_shortest_interval_sets_the_rate_in_the_beacon() -> None:
+def test_shortest_interval_of_subscribers_sets_beacon_rate() -> None:
     uav = core("uav1")
     for name, interval_s in (("gcs", 1.0), ("uav2", 0.2)):
         other = core(name, rules=(RuleConfig(pattern="nav/*", min_interval_s=interval_s),))
@@ -323,7 +323,7 @@ def test_of_several_subscribers_the_shortest_interval_sets_the_rate_in_the_beaco
     assert [offer.min_interval_ms for offer in uav.subscribers.offers()] == [200]
 
 
-def test_a_notification_has_a_limit_and_the_rest_follows() -> None:
+def test_notification_has_limit_and_rest_follows() -> None:
     both = pair("/uav1/health/faults", "/uav1/power/battery")
     both.log.clear()
     uav = both.trees["uav1"]
@@ -341,7 +341,7 @@ def test_a_notification_has_a_limit_and_the_rest_follows() -> None:
     assert "power/battery" in {item.path for note in sent[:3] for item in note.items}, "boards do not starve"
 
 
-def test_a_resource_that_changes_its_type_is_watched_anew() -> None:
+def test_resource_of_changed_type_is_watched_again() -> None:
     both = pair("/uav1/plan/step")
     uav = both.trees["uav1"]
     uav.on_applications([STEP], [], 0)
@@ -361,7 +361,7 @@ def test_a_pattern_that_is_none_is_refused() -> None:
     assert FAULTS.link == "notify"
 
 
-def test_an_operators_limit_holds_for_notified_boards_and_events_wait_for_their_turn() -> None:
+def test_operators_limit_holds_and_events_wait() -> None:
     both = pair("/uav1/power/battery", "/uav1/health/faults")
     uav = both.trees["uav1"]
     uav.on_limits(
@@ -398,7 +398,7 @@ def interval_s(both: Pair, path: str) -> float:
     return replica.interval_s(path)
 
 
-def test_a_subscriber_knows_the_limits_of_its_boards_from_the_first_reply_on() -> None:
+def test_subscriber_knows_limits_from_first_reply() -> None:
     both = Pair(core("gcs"), core("uav1"))
     limits = (
         ChannelLimit("plan/*", ChannelSettings(1.0)),
@@ -414,7 +414,7 @@ def test_a_subscriber_knows_the_limits_of_its_boards_from_the_first_reply_on() -
     assert both.said(SendNotify) == 0
 
 
-def test_a_limit_that_is_set_later_is_notified_once_also_when_a_notification_is_lost() -> None:
+def test_later_limit_is_notified_once_despite_loss() -> None:
     both = pair("/uav1/nav/pose", "/uav1/power/battery")
     uav = both.trees["uav1"]
     both.log.clear()
@@ -435,7 +435,7 @@ def test_a_limit_that_is_set_later_is_notified_once_also_when_a_notification_is_
     assert limits_known(both) == ()
 
 
-def test_a_limit_that_concerns_nothing_of_a_subscriber_costs_it_nothing() -> None:
+def test_irrelevant_limit_costs_subscriber_nothing() -> None:
     both = pair("/uav1/nav/pose", "/uav1/health/faults")
     both.log.clear()
     both.trees["uav1"].on_limits(
@@ -446,7 +446,7 @@ def test_a_limit_that_concerns_nothing_of_a_subscriber_costs_it_nothing() -> Non
     assert both.log == []
 
 
-def test_a_limit_goes_with_the_values_that_come_in_the_same_moment() -> None:
+def test_limit_travels_with_simultaneous_values() -> None:
     both = pair("/uav1/power/battery")
     both.log.clear()
     both.trees["uav1"].on_limits((ChannelLimit("power/*", ChannelSettings(0.5)),), both.now_ns)
@@ -457,7 +457,7 @@ def test_a_limit_goes_with_the_values_that_come_in_the_same_moment() -> None:
     assert interval_s(both, "power/battery") == 2.0
 
 
-def test_a_platform_that_restarted_without_its_limits_is_not_taken_to_have_them() -> None:
+def test_restarted_platform_without_limits_has_none() -> None:
     both = pair("/uav1/nav/pose")
     both.trees["uav1"].on_limits((ChannelLimit("**", ChannelSettings(0.5)),), both.now_ns)
     both.wait(1)
@@ -468,7 +468,7 @@ def test_a_platform_that_restarted_without_its_limits_is_not_taken_to_have_them(
     assert limits_known(both) == ()
 
 
-def test_a_limit_that_forbids_everything_makes_no_age_good_and_a_rule_of_its_own_counts() -> None:
+def test_forbidding_limit_makes_no_age_good() -> None:
     rules = (RuleConfig(pattern="nav/*", min_interval_s=5.0),)
     both = Pair(core("gcs", rules=rules), core("uav1"))
     both.trees["gcs"].on_applications([], ["/uav1/nav/pose"], 0)
@@ -481,7 +481,7 @@ def test_a_limit_that_forbids_everything_makes_no_age_good_and_a_rule_of_its_own
         assert interval_s(both, "nav/pose") == expected
 
 
-def test_a_limit_whose_pattern_is_none_is_refused_and_nothing_else_with_it() -> None:
+def test_invalid_limit_pattern_is_refused_alone() -> None:
     both = pair("/uav1/power/battery")
     garbage = (BoardLimit("nav/{", 1.0),)
     item = value("power/battery", 0.5)

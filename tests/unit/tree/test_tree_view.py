@@ -90,7 +90,7 @@ def seen(tmp_path: Path, test: Callable[[Seen], None], *, clock_known: bool = Tr
     asyncio.run(run())
 
 
-def test_a_board_under_a_limit_is_live_for_three_of_its_intervals_at_other_platforms(tmp_path: Path) -> None:
+def test_limited_board_is_live_for_three_intervals(tmp_path: Path) -> None:
     def test(given: Seen) -> None:
         given.mirror(0)
         for age_s, expected in ((1.2, "live"), (1.3, "stale")):
@@ -110,7 +110,7 @@ def test_a_board_under_a_limit_is_live_for_three_of_its_intervals_at_other_platf
     seen(tmp_path, test)
 
 
-def test_a_value_of_a_lost_platform_is_lost_and_as_old_as_the_loss_where_its_clock_is_unknown(
+def test_lost_platforms_value_is_aged_by_loss(
     tmp_path: Path,
 ) -> None:
     def test(given: Seen) -> None:
@@ -128,7 +128,7 @@ def test_a_value_of_a_lost_platform_is_lost_and_as_old_as_the_loss_where_its_clo
     seen(tmp_path, test, clock_known=False)
 
 
-def test_a_mirror_that_is_left_from_a_former_subscription_is_no_value(tmp_path: Path) -> None:
+def test_mirror_of_former_subscription_is_no_value(tmp_path: Path) -> None:
     def test(given: Seen) -> None:
         given.mirror(0)
         given.both.trees["gcs"].on_applications([], [], 0)
@@ -140,7 +140,7 @@ def test_a_mirror_that_is_left_from_a_former_subscription_is_no_value(tmp_path: 
     seen(tmp_path, test)
 
 
-def test_an_own_value_has_its_age_its_version_and_its_text(tmp_path: Path) -> None:
+def test_own_value_has_age_version_and_text(tmp_path: Path) -> None:
     def test(given: Seen) -> None:
         ring = given.node.publication("nav/pose", slots=4, slot_bytes=256)
         ring.publish(encode(pose("gcs", 5 * S)))
@@ -163,7 +163,7 @@ def test_an_own_value_has_its_age_its_version_and_its_text(tmp_path: Path) -> No
         ("cmd/goto", "/gcs/cmd/goto: a command has no value; expected a board, event, stream or setting"),
     ],
 )
-def test_what_has_no_value_is_refused_with_the_reason(tmp_path: Path, path: str, expected: str) -> None:
+def test_valueless_resource_is_refused_with_reason(tmp_path: Path, path: str, expected: str) -> None:
     def test(given: Seen) -> None:
         with pytest.raises(NotFound, match=expected):
             given.view.own_value(given.view.own_leaf(path), None)
@@ -172,7 +172,7 @@ def test_what_has_no_value_is_refused_with_the_reason(tmp_path: Path, path: str,
     seen(tmp_path, test)
 
 
-def test_resources_are_listed_over_platforms_in_order_and_from_a_path_on(tmp_path: Path) -> None:
+def test_resources_are_listed_over_platforms_in_order(tmp_path: Path) -> None:
     def test(given: Seen) -> None:
         def paths(after: str = "") -> list[str]:
             found = given.view.matching(Pattern("*"), "{nav,power}/*", after)
@@ -189,7 +189,7 @@ def test_resources_are_listed_over_platforms_in_order_and_from_a_path_on(tmp_pat
     seen(tmp_path, test)
 
 
-def test_the_rate_is_measured_from_the_numbers_of_the_owner_and_not_known_without(tmp_path: Path) -> None:
+def test_rate_comes_from_owners_numbers_only(tmp_path: Path) -> None:
     def test(given: Seen) -> None:
         for number in range(6):
             frame = pose("uav1", number * S // 5)
@@ -203,7 +203,7 @@ def test_the_rate_is_measured_from_the_numbers_of_the_owner_and_not_known_withou
     seen(tmp_path, test)
 
 
-def test_a_path_without_its_first_slash_is_named_as_it_was_meant(tmp_path: Path) -> None:
+def test_path_without_first_slash_is_corrected(tmp_path: Path) -> None:
     def test(given: Seen) -> None:
         with pytest.raises(NotFound, match=r"did you mean /uav1/nav/pose\?"):
             given.view.own_leaf("uav1/nav/pose")

@@ -22,7 +22,7 @@ def application(types: dict[str, str]) -> AppEntry:
 RAIN = application({"Rain": msgspec.json.encode(describe(Rain)).decode()})
 
 
-def test_a_type_of_an_application_is_known_after_its_end_too() -> None:
+def test_application_type_outlives_its_application() -> None:
     running = [RAIN]
     catalogue = TypeCatalogue("uav1", running)
     assert catalogue.description("Rain") == describe(Rain)
@@ -38,7 +38,7 @@ def test_a_common_type_needs_no_application() -> None:
     assert catalogue.cls("Pose") is Pose
 
 
-def test_an_unknown_type_is_not_found_and_an_invalid_description_refused() -> None:
+def test_unknown_type_is_missing_invalid_description_refused() -> None:
     catalogue = TypeCatalogue("uav1", [application({"Rain": "{}", "Snow": "["})])
     for name in ("Rain", "Snow"):
         with pytest.raises(WireError, match=f"{name!r} of a#1: not a description"):
@@ -47,7 +47,7 @@ def test_an_unknown_type_is_not_found_and_an_invalid_description_refused() -> No
         catalogue.cls("Hail")
 
 
-def test_descriptions_of_others_are_kept_up_to_a_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_descriptions_of_others_are_kept_up_to_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(type_catalogue, "KEPT", 2)
     catalogue = TypeCatalogue("gcs", [])
     for name in ("A", "B", "C"):

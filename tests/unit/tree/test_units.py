@@ -15,7 +15,7 @@ ROUTES = Resource(path="net/routes", type="Routes", owner="broker")
 BEACON_POSE = Resource(path="nav/pose", type="Pose", rate_hz=20.0, owner="navigator", link="tick")
 
 
-def test_main_leaves_to_a_unit_what_that_provides_and_has_it_again_when_the_unit_is_forgotten() -> None:
+def test_main_cedes_units_resource_until_forgotten() -> None:
     main, fc = core("uav1", TEMPLATE), core("uav1.fc", TEMPLATE)
     units = Units(main, fc)
     fc.on_applications([POSE], [], 0)
@@ -31,7 +31,7 @@ def test_main_leaves_to_a_unit_what_that_provides_and_has_it_again_when_the_unit
     assert RemoveMirrors("uav1.fc") in units.removed["uav1"]
 
 
-def test_a_unit_gets_the_values_of_another_at_the_path_of_the_platform_also_those_of_beacons() -> None:
+def test_unit_gets_others_values_at_platform_path() -> None:
     main, fc = core("uav1", (BEACON_POSE,)), core("uav1.fc", (BEACON_POSE,))
     units = Units(main, fc)
     main.on_applications([], ["nav/pose"], 0)
@@ -56,7 +56,7 @@ def test_values_of_one_instant_share_a_notification() -> None:
     assert [item.path for item in sent.notify.items] == ["nav/pose", "power/battery"]
 
 
-def test_another_platform_subscribes_at_the_unit_that_provides_a_board() -> None:
+def test_another_platform_subscribes_at_unit_that_provides_board() -> None:
     main, fc, gcs = core("uav1", (BEACON_POSE,)), core("uav1.fc", (BEACON_POSE,)), core("gcs", ())
     units = Units(main, fc, gcs)
     gcs.on_applications([], ["/*/nav/pose"], 0)
@@ -68,7 +68,7 @@ def test_another_platform_subscribes_at_the_unit_that_provides_a_board() -> None
     assert [offer.path for offer in fc.subscribers.offers()] == ["nav/pose"]
 
 
-def test_resources_that_each_unit_has_are_those_of_main_for_others_and_its_own_inside() -> None:
+def test_common_resources_are_mains_outside_own_inside() -> None:
     main, fc, gcs = core("uav1"), core("uav1.fc"), core("gcs", ())
     units = Units(main, fc, gcs)
     for tree in (main, fc):
@@ -86,7 +86,7 @@ def test_resources_that_each_unit_has_are_those_of_main_for_others_and_its_own_i
     assert units.mirrored["uav1"] == units.mirrored["uav1.fc"] == []
 
 
-def test_an_application_that_moves_to_another_unit_takes_its_resource_along() -> None:
+def test_moved_application_takes_resource_to_unit() -> None:
     main, fc, gcs = core("uav1", ()), core("uav1.fc", ()), core("gcs", ())
     units = Units(main, fc, gcs)
     main.on_applications([POSE], ["nav/pose"], 0)
@@ -108,7 +108,7 @@ def test_an_application_that_moves_to_another_unit_takes_its_resource_along() ->
     assert PruneMirrors("uav1", frozenset()) in units.removed["uav1.fc"]
 
 
-def test_a_value_that_arrives_before_main_leaves_the_path_to_its_unit_is_not_lost() -> None:
+def test_value_before_cession_of_path_survives() -> None:
     main, fc, gcs = core("uav1", (BATTERY,)), core("uav1.fc", (BATTERY,)), core("gcs", ())
     units = Units(main, fc, gcs)
     gcs.on_applications([], ["/uav1/power/battery"], 0)
@@ -121,7 +121,7 @@ def test_a_value_that_arrives_before_main_leaves_the_path_to_its_unit_is_not_los
     assert units.mirrored["gcs"] == [("uav1", "power/battery", "fc")]
 
 
-def test_a_setting_is_kept_where_an_application_uses_it() -> None:
+def test_setting_is_kept_where_application_uses_it() -> None:
     main, fc = core("uav1", (SPEED,)), core("uav1.fc", (SPEED,))
     units = Units(main, fc)
     used = fc.local.setting("config/speed", "navigator")

@@ -80,7 +80,7 @@ def test_plain_data_become_a_value(resource: Resource, given_value: object, expe
         (plain("Nobody"), 1, NotFound, "type 'Nobody'"),
     ],
 )
-def test_what_does_not_fit_is_named_with_what_was_expected(
+def test_misfit_is_named_with_expectation(
     resource: Resource, given_value: object, error: type[SwarmError], said: str
 ) -> None:
     with pytest.raises(error) as caught:

@@ -31,9 +31,7 @@ def item(path: str, sequence: int, data: bytes = ITEM, kind: FrameKind = FrameKi
 @pytest.mark.parametrize(
     ("rate_hz", "loss", "share"), [(30, 0.0, 0.99), (30, 0.3, 0.9), (100, 0.3, 0.9), (100, 0.45, 0.7)]
 )
-def test_a_stream_arrives_whole_and_in_order_over_a_lossy_link(
-    seed: int, rate_hz: int, loss: float, share: float
-) -> None:
+def test_stream_arrives_whole_over_lossy_link(seed: int, rate_hz: int, loss: float, share: float) -> None:
     net: VirtualSwarm[str] = VirtualSwarm(seed, loss=loss, delay_s=(0.002, 0.03))
     owner = Owner(net)
     count = 20 * rate_hz
@@ -49,7 +47,7 @@ def test_a_stream_arrives_whole_and_in_order_over_a_lossy_link(
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_an_outage_of_twenty_seconds_loses_nothing_of_thirty_items_a_second(seed: int) -> None:
+def test_twenty_second_outage_loses_nothing(seed: int) -> None:
     net: VirtualSwarm[str] = VirtualSwarm(seed, loss=0.1, delay_s=(0.002, 0.03))
     owner = Owner(net)
     for number in range(1, 1201):
@@ -60,7 +58,7 @@ def test_an_outage_of_twenty_seconds_loses_nothing_of_thirty_items_a_second(seed
     assert owner.got["sensor/lidar"] == list(range(1, 1201))
 
 
-def test_a_busy_stream_starves_neither_another_one_nor_boards_nor_events() -> None:
+def test_busy_stream_starves_no_other_traffic() -> None:
     net: VirtualSwarm[str] = VirtualSwarm(1, loss=0.2, delay_s=(0.02, 0.05))
     owner = Owner(net)
     for number in range(1, 20_000):
@@ -86,7 +84,7 @@ def test_a_busy_stream_starves_neither_another_one_nor_boards_nor_events() -> No
     assert owner.uav.subscribers.losses()["sensor/lidar", "gcs"] + len(owner.got["sensor/lidar"]) == 19_999
 
 
-def test_what_is_under_way_is_bounded_in_number_and_bytes() -> None:
+def test_traffic_in_flight_is_bounded_in_bytes() -> None:
     net: VirtualSwarm[str] = VirtualSwarm(1, loss=1.0)
     owner = Owner(net)
     for number in range(1, 4000):
@@ -106,7 +104,7 @@ def fill(lane: NotificationLane, now_ns: int) -> list[int]:
     return serials
 
 
-def test_a_link_that_delivers_nothing_in_time_gets_less_at_a_time_and_more_again_when_it_does() -> None:
+def test_window_follows_what_link_delivers() -> None:
     lane = NotificationLane(LaneNumber.STREAMS, policy=POLICY)
     first = fill(lane, 0)
     assert len(first) == LANE.window_first // 8_192
@@ -125,7 +123,7 @@ def test_a_link_that_delivers_nothing_in_time_gets_less_at_a_time_and_more_again
     assert most == LANE.window_max // 8_192
 
 
-def test_what_failed_is_repeated_by_as_much_as_the_link_delivers() -> None:
+def test_failed_items_repeat_at_delivery_rate() -> None:
     lane = NotificationLane(LaneNumber.STREAMS, policy=POLICY)
     first = fill(lane, 0)
     for serial in first:
@@ -151,9 +149,7 @@ def test_a_single_loss_among_deliveries_changes_nothing() -> None:
 
 
 @given(st.randoms(use_true_random=False), st.integers(1, 40), st.integers(1, 5))
-def test_whatever_the_order_and_the_doubles_each_is_taken_once_and_in_order(
-    rnd: random.Random, count: int, copies: int
-) -> None:
+def test_any_order_is_taken_once_and_sorted(rnd: random.Random, count: int, copies: int) -> None:
     arrivals = ReorderBuffer()
     pool = [TreeNotify("uav1", 1, serial, first=1) for serial in range(1, count + 1)] * copies
     rnd.shuffle(pool)
@@ -161,7 +157,7 @@ def test_whatever_the_order_and_the_doubles_each_is_taken_once_and_in_order(
     assert taken == list(range(1, count + 1))
 
 
-def test_what_the_owner_gave_up_is_not_waited_for() -> None:
+def test_abandoned_item_is_not_awaited() -> None:
     arrivals = ReorderBuffer()
     note = TreeNotify("uav1", 1, 5, first=3)
     assert arrivals.take(note) == []
@@ -171,14 +167,14 @@ def test_what_the_owner_gave_up_is_not_waited_for() -> None:
     assert arrivals.take(note) == []
 
 
-def test_a_serial_beyond_the_window_is_refused_and_takes_no_memory() -> None:
+def test_serial_beyond_window_is_refused_without_memory() -> None:
     with pytest.raises(WireError, match="window"):
         ReorderBuffer().take(TreeNotify("uav1", 1, 3 + REORDER_WINDOW, first=3))
     with pytest.raises(WireError, match="window"):
         ReorderBuffer().take(TreeNotify("uav1", 1, 2, first=3))
 
 
-def test_what_is_repeated_says_which_serials_a_subscriber_that_started_again_need_not_wait_for() -> None:
+def test_repetition_states_serials_not_to_await() -> None:
     lane, feed = NotificationLane(LaneNumber.UPDATES, policy=POLICY), Feed(FAULTS, Rule("**"), 0)
     for serial in (1, 2):
         event = item("health/faults", serial, kind=FrameKind.EVENT)

@@ -11,14 +11,14 @@ SOURCES = {"sensor/camera", "nav/map"}
 PLATFORMS = {"gcs", "uav2"}
 
 
-def test_a_rule_starts_the_video_of_its_sources_to_its_platforms_once() -> None:
+def test_rule_starts_video_to_platforms_once() -> None:
     video = ChannelVideo()
     assert video.changes([RULE], SOURCES, PLATFORMS, [], 0) == [StartVideo(GCS, None)]
     assert video.changes([RULE], SOURCES, PLATFORMS, [GCS], S) == []
     assert video.is_busy
 
 
-def test_without_the_rule_its_video_ends_and_that_of_an_operator_stays() -> None:
+def test_missing_rule_ends_only_its_video() -> None:
     video, other = ChannelVideo(), Channel("nav/map", "gcs")
     video.changes([RULE], SOURCES, PLATFORMS, [other], 0)
     assert video.changes([], SOURCES, PLATFORMS, [GCS, other], S) == [StopVideo(GCS)]
@@ -26,7 +26,7 @@ def test_without_the_rule_its_video_ends_and_that_of_an_operator_stays() -> None
     assert not video.is_busy
 
 
-def test_video_that_an_operator_has_started_is_not_started_again_and_not_ended() -> None:
+def test_operators_video_is_neither_restarted_nor_ended() -> None:
     video = ChannelVideo()
     assert video.changes([RULE], SOURCES, PLATFORMS, [GCS], 0) == []
     assert video.changes([], SOURCES, PLATFORMS, [GCS], S) == []
@@ -41,14 +41,14 @@ def test_another_rate_starts_the_video_again() -> None:
     assert video.changes([silent, RULE], SOURCES, PLATFORMS, [GCS], 2 * S) == [StopVideo(GCS)]
 
 
-def test_a_session_that_has_ended_is_started_again_when_its_platform_is_in_reach() -> None:
+def test_ended_session_restarts_when_platform_is_reachable() -> None:
     video = ChannelVideo()
     video.changes([RULE], SOURCES, PLATFORMS, [], 0)
     assert video.changes([RULE], SOURCES, {"uav2"}, [], S) == []
     assert video.changes([RULE], SOURCES, PLATFORMS, [], 2 * S) == [StartVideo(GCS, None)]
 
 
-def test_a_start_that_has_failed_is_tried_again_later() -> None:
+def test_start_that_has_failed_is_tried_again_later() -> None:
     video = ChannelVideo()
     video.changes([RULE], SOURCES, PLATFORMS, [], 0)
     video.on_failed(GCS, 0)

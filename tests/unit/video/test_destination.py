@@ -16,7 +16,7 @@ from swarmware.errors import InvalidInput
         ("[fe80::1]:5004", Destination(host="fe80::1", port=5004)),
     ],
 )
-def test_a_receiver_is_a_platform_or_an_address_with_its_port(text: str, expected: Destination) -> None:
+def test_receiver_is_platform_or_address_with_its_port(text: str, expected: Destination) -> None:
     assert Destination.parse(text) == expected
     assert str(expected) == text
 

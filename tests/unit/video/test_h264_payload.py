@@ -22,7 +22,7 @@ PPS_UNIT = bytes.fromhex("68ce3c80")
 PPS_STORED = PPS_UNIT[:-1] + b"\x81"
 
 
-def test_a_byte_stream_is_cut_at_start_codes_of_three_and_four_bytes() -> None:
+def test_byte_stream_is_split_at_start_codes() -> None:
     stream = b"\0\0\0\1" + SPS_UNIT + b"\0\0\1" + PPS_STORED + b"\0\0\0\1" + b"\x65abc\0\0"
     assert nal_units(stream) == [SPS_UNIT, PPS_STORED, b"\x65abc"]
     assert nal_units(b"") == nal_units(b"no start code") == []
@@ -41,7 +41,7 @@ def test_one_unit_that_fits_is_its_own_payload() -> None:
     assert packetize([b"\x41" + bytes(99)], 100) == [b"\x41" + bytes(99)]
 
 
-def test_a_large_unit_travels_in_fragments_with_start_and_end() -> None:
+def test_large_unit_travels_in_marked_fragments() -> None:
     unit = b"\x65" + bytes(range(1, 251))
     payloads = packetize([unit], 102)
     # RFC 6184, section 5.8: indicator with the importance, header with start, end and type
@@ -71,13 +71,13 @@ def test_every_picture_comes_back_whole(units: list[bytes], payload_max: int) ->
     assert done == [AccessUnit(1, tuple(units))]
 
 
-def test_a_picture_without_its_marker_ends_with_the_next_timestamp() -> None:
+def test_picture_without_its_marker_ends_with_next_timestamp() -> None:
     taker = Depacketizer()
     assert taker.on_payload(b"\x41a", 1, False) == []
     assert taker.on_payload(b"\x41b", 2, True) == [AccessUnit(1, (b"\x41a",)), AccessUnit(2, (b"\x41b",))]
 
 
-def test_a_picture_with_a_gap_is_dropped_and_the_next_one_is_whole() -> None:
+def test_picture_with_gap_is_dropped_next_whole() -> None:
     first, _, last = packetize([b"\x65" + bytes(250)], 102)
     taker = Depacketizer()
     assert taker.on_payload(first, 1, False) == []
@@ -106,7 +106,7 @@ def test_a_picture_with_a_gap_is_dropped_and_the_next_one_is_whole() -> None:
         [bytes((STAP_A, 0, 1, STAP_A))],
     ],
 )
-def test_a_damaged_payload_is_refused_and_drops_its_picture(payloads: list[bytes]) -> None:
+def test_damaged_payload_is_refused_and_drops_its_picture(payloads: list[bytes]) -> None:
     taker = Depacketizer()
     for payload in payloads[:-1]:
         taker.on_payload(payload, 1, False)
@@ -117,7 +117,7 @@ def test_a_damaged_payload_is_refused_and_drops_its_picture(payloads: list[bytes
     assert taker.on_payload(b"\x41b", 2, True) == [AccessUnit(2, (b"\x41b",))]
 
 
-def test_a_picture_without_an_end_does_not_fill_the_memory() -> None:
+def test_picture_without_end_does_not_fill_memory() -> None:
     taker = Depacketizer()
     with pytest.raises(WireError, match="more than"):
         for _ in range(UNIT_MAX // 60_000 + 2):

@@ -33,7 +33,7 @@ def test_an_overtaken_packet_is_waited_for() -> None:
     assert put(buffer, 11, 7) == [(11, 0), (12, 0), (13, 0)]
 
 
-def test_after_the_wait_it_is_a_gap_and_comes_too_late() -> None:
+def test_missing_packet_is_gap_after_wait() -> None:
     buffer = JitterBuffer(40 * MS)
     put(buffer, 10, 0)
     put(buffer, 13, 5)
@@ -52,7 +52,7 @@ def test_a_packet_counts_once() -> None:
     assert (buffer.late, buffer.duplicates) == (1, 1)
 
 
-def test_no_more_wait_for_one_than_there_is_room() -> None:
+def test_waits_never_exceed_room() -> None:
     buffer = JitterBuffer(40 * MS)
     put(buffer, 0, 0)
     found = [put(buffer, number, 1) for number in range(2, PACKETS_MAX + 2)]

@@ -52,7 +52,7 @@ def reports(actions: list[ReceiverAction]) -> list[rtcp.Report]:
     return [found for one in actions if isinstance(one, SendRtp) for found in rtcp.decode(one.data)]
 
 
-def test_pictures_arrive_in_order_whatever_the_order_of_their_packets() -> None:
+def test_pictures_arrive_in_order_despite_packets() -> None:
     core = receiver()
     first, second, third = picture(0, 10, key=True), picture(1, 13), picture(2, 16)
     actions = fed(core, [*first, second[1], second[0], third[0], second[2], third[2], third[1]])
@@ -60,7 +60,7 @@ def test_pictures_arrive_in_order_whatever_the_order_of_their_packets() -> None:
     assert (core.counters.lost, core.counters.gaps, core.counters.dropped) == (0, 0, 0)
 
 
-def test_nothing_is_shown_before_the_first_key_frame_which_is_asked_for() -> None:
+def test_nothing_is_shown_before_requested_key_frame() -> None:
     core = receiver()
     actions = fed(core, picture(0, 10))
     assert decoded(actions) == []
@@ -69,7 +69,7 @@ def test_nothing_is_shown_before_the_first_key_frame_which_is_asked_for() -> Non
     assert core.counters.dropped == 1
 
 
-def test_a_gap_is_counted_and_a_key_frame_is_asked_for_again_until_it_comes() -> None:
+def test_gap_requests_key_frame_until_it_comes() -> None:
     core = receiver()
     fed(core, picture(0, 10, key=True))
     assert decoded(fed(core, picture(1, 13)[1:], MS)) == []
@@ -86,7 +86,7 @@ def test_a_gap_is_counted_and_a_key_frame_is_asked_for_again_until_it_comes() ->
     assert core.counters.key_frames_asked == 3
 
 
-def test_arrivals_are_reported_after_some_packets_or_some_time() -> None:
+def test_arrivals_are_reported_by_count_or_time() -> None:
     core = receiver()
     packets = picture(0, 10, key=True, size=100 * ARRIVALS_EVERY) + picture(1, 10 + ARRIVALS_EVERY)
     early = [
@@ -103,7 +103,7 @@ def test_arrivals_are_reported_after_some_packets_or_some_time() -> None:
     assert abs(age_ns - ARRIVALS_NS) < MS
 
 
-def test_the_receiver_report_has_loss_jitter_and_the_last_sender_report() -> None:
+def test_receiver_report_has_loss_jitter_and_sender() -> None:
     core = receiver()
     first = picture(0, 10, key=True)
     sent = SenderReport(SOURCE, 0x1234_5678_9ABC_DEF0, 0, 3, 300)
@@ -125,7 +125,7 @@ def test_the_jitter_is_that_of_rfc_3550() -> None:
     assert core.jitter == pytest.approx(900 / 16)
 
 
-def test_a_picture_that_the_decoder_refuses_is_replaced_by_a_key_frame() -> None:
+def test_picture_refused_by_decoder_needs_key_frame() -> None:
     core = receiver()
     fed(core, picture(0, 10, key=True))
     actions = core.on_undecodable(MS)
@@ -133,7 +133,7 @@ def test_a_picture_that_the_decoder_refuses_is_replaced_by_a_key_frame() -> None
     assert decoded(fed(core, picture(1, 13), MS)) == []
 
 
-def test_what_is_of_others_or_damaged_is_refused_and_counted() -> None:
+def test_foreign_or_damaged_packet_is_refused_and_counted() -> None:
     core = receiver()
     other = rtp_packet.encode(RtpPacket(10, 0, SOURCE + 1, b"\x65"))
     another_type = rtp_packet.encode(RtpPacket(10, 0, SOURCE, b"\x65", payload_type=97))

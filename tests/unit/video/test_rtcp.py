@@ -41,7 +41,7 @@ def test_each_report_has_the_layout_of_its_rfc(report: rtcp.Report) -> None:
     assert found == report
 
 
-def test_a_compound_packet_is_read_in_order_and_unknown_types_are_skipped() -> None:
+def test_compound_packet_skips_unknown_types_in_order() -> None:
     name = rtcp.description(7, "uav1")
     assert len(name) % 4 == 0
     unknown = bytes.fromhex("80d00001 00000007")
@@ -55,7 +55,7 @@ def test_a_sender_report_may_hold_blocks_of_reception() -> None:
     assert decode(data) == [SENT, ReceiverReport(7, 7, 0.25, -3, 0x1_0005, 90, 0x8000, 6_553)]
 
 
-def test_a_full_intra_request_asks_for_a_key_frame_too() -> None:
+def test_full_intra_request_asks_for_key_frame_too() -> None:
     assert decode(bytes.fromhex("84ce0004 00000008 00000007 00000007 01000000")) == [KeyFrameRequest(8, 7)]
 
 
@@ -78,7 +78,7 @@ def test_ntp_time_counts_from_1900_with_binary_fractions() -> None:
         "80cb0000 00000000",
     ],
 )
-def test_what_is_cut_or_of_another_version_is_refused(data: str) -> None:
+def test_truncated_or_foreign_version_is_refused(data: str) -> None:
     with pytest.raises(WireError):
         decode(bytes.fromhex(data))
 

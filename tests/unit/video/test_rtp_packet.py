@@ -19,7 +19,7 @@ def test_a_packet_has_the_header_of_rfc_3550() -> None:
     assert not is_rtcp(ENCODED)
 
 
-def test_sources_of_a_mixer_header_extension_and_padding_are_removed() -> None:
+def test_mixer_sources_extension_and_padding_are_removed() -> None:
     data = bytes.fromhex("b2e0 1234 01020304 cafebabe 00000001 00000002 bede0001 aabbccdd")
     assert decode(data + b"\x65payload" + b"\0\0\x03") == PACKET
 

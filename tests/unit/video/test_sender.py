@@ -54,7 +54,7 @@ def drained(core: VideoSender, until_ns: int) -> list[tuple[int, RtpPacket]]:
     return found
 
 
-def test_a_picture_is_numbered_beyond_the_wrap_around_and_its_last_packet_is_marked() -> None:
+def test_pictures_number_past_wrap_and_mark_end() -> None:
     core = sender()
     sent = packets(core.on_picture(picture(9_000), 4_242, 0))
     sent += [one for _, one in drained(core, 900 * MS)]
@@ -63,7 +63,7 @@ def test_a_picture_is_numbered_beyond_the_wrap_around_and_its_last_packet_is_mar
     assert [one.marker for one in sent] == [False] * 9 + [True]
 
 
-def test_packets_leave_at_the_pace_and_not_beyond_the_window() -> None:
+def test_packets_leave_at_pace_and_not_beyond_window() -> None:
     core = sender()
     first = len(packets(core.on_picture(picture(40_000), 0, 0)))
     assert 3 <= first <= 6
@@ -75,7 +75,7 @@ def test_packets_leave_at_the_pace_and_not_beyond_the_window() -> None:
     assert packets(core.on_rtcp([heard], 901 * MS)), "what has arrived makes room"
 
 
-def test_a_standard_receiver_needs_no_report_for_the_next_packets() -> None:
+def test_standard_receiver_needs_no_report_for_next_packets() -> None:
     core = sender(reports_arrivals=False)
     sent = packets(core.on_picture(picture(40_000), 0, 0)) + [one for _, one in drained(core, 500 * MS)]
     assert sent[-1].marker
@@ -83,7 +83,7 @@ def test_a_standard_receiver_needs_no_report_for_the_next_packets() -> None:
     assert core.waiting_ns(500 * MS) == 0
 
 
-def test_pictures_are_skipped_while_packets_wait_and_a_key_frame_follows_what_was_discarded() -> None:
+def test_pictures_are_skipped_while_packets_wait() -> None:
     core = sender()
     core.on_picture(picture(60_000), 0, 0)
     assert core.may_encode(HOLD_NS)
@@ -95,7 +95,7 @@ def test_pictures_are_skipped_while_packets_wait_and_a_key_frame_follows_what_wa
     assert core.may_encode(DISCARD_NS)
 
 
-def test_a_receiver_that_cannot_decode_gets_a_key_frame_and_its_end_ends_the_session() -> None:
+def test_undecoding_receiver_gets_key_frame_until_end() -> None:
     core = sender()
     assert core.on_rtcp([KeyFrameRequest(6, 7)], 0) == [EncodeKeyFrame()]
     assert core.on_rtcp([Bye(6)], 0) == [EndSession()]
@@ -113,7 +113,7 @@ def test_reports_of_other_sources_and_garbage_are_counted() -> None:
     assert core.counters.refused == 5
 
 
-def test_packets_that_others_overtook_are_lost_until_they_arrive() -> None:
+def test_overtaken_packets_are_lost_until_arrival() -> None:
     core = sender()
     core.on_picture(picture(5_000), 0, 0)
     drained(core, 500 * MS)
@@ -124,14 +124,14 @@ def test_packets_that_others_overtook_are_lost_until_they_arrive() -> None:
     assert core.counters.lost == 0
 
 
-def test_the_age_of_an_arrival_does_not_count_as_round_trip() -> None:
+def test_age_of_arrival_is_not_round_trip() -> None:
     core = sender()
     core.on_picture(picture(500), 0, 0)
     core.on_rtcp([PacketArrivals(6, 7, 65_530, (30 * MS,))], 50 * MS)
     assert core.round_trip_ns == 20 * MS
 
 
-def test_a_standard_receiver_tells_loss_and_round_trip_by_its_reports() -> None:
+def test_standard_receiver_reports_loss_and_round_trip() -> None:
     core = sender(reports_arrivals=False)
     ntp = rtcp.ntp_of(UTC_NS + 1 * S) >> 16 & 0xFFFF_FFFF
     report = ReceiverReport(6, 7, 0.3, 12, 0, 0, ntp, 65_536 // 2)
@@ -142,7 +142,7 @@ def test_a_standard_receiver_tells_loss_and_round_trip_by_its_reports() -> None:
     assert actions == [SetBitrate(850_000)]
 
 
-def test_silence_of_the_receiver_frees_the_window_and_lowers_the_rate() -> None:
+def test_silence_of_receiver_frees_window_and_lowers_rate() -> None:
     core = sender()
     core.on_picture(picture(60_000), 0, 0)
     drained(core, 900 * MS)
@@ -159,7 +159,7 @@ def test_an_operator_pins_the_rate_at_once() -> None:
     assert core.bitrate.bit_s == 300_000
 
 
-def test_a_sender_report_maps_the_timestamp_to_utc_once_a_second() -> None:
+def test_sender_report_maps_timestamp_to_utc_once_second() -> None:
     core = sender()
     core.on_picture(picture(500), 90_000, 0)
     reports = [one for one in core.on_timer(1 * S) if isinstance(one, SendRtp)]
@@ -167,7 +167,7 @@ def test_a_sender_report_maps_the_timestamp_to_utc_once_a_second() -> None:
     assert found == [SenderReport(7, rtcp.ntp_of(UTC_NS + 1 * S), 180_000, 1, 500)]
 
 
-def test_what_is_in_flight_fits_into_a_link_that_falls_to_the_guarded_rate() -> None:
+def test_traffic_in_flight_fits_guarded_rate() -> None:
     core = sender(guard_bit_s=200_000.0)
     first = packets(core.on_picture(picture(40_000), 0, 0))
     first += [one for _, one in drained(core, 900 * MS)]
@@ -177,6 +177,6 @@ def test_what_is_in_flight_fits_into_a_link_that_falls_to_the_guarded_rate() -> 
     assert len(packets(core.on_rtcp([arrived], 902 * MS))) == 2, "each arrival makes room for one"
 
 
-def test_a_packet_that_is_larger_than_the_guard_leaves_alone() -> None:
+def test_packet_that_is_larger_than_guard_leaves_alone() -> None:
     core = sender(guard_bit_s=1000.0)
     assert len(packets(core.on_picture(picture(9_000), 0, 0))) == 1

@@ -42,7 +42,7 @@ def table() -> SessionTable[str, str]:
         (b"", UAV2, None),
     ],
 )
-def test_a_packet_belongs_to_the_session_of_exactly_this_sender(
+def test_packet_belongs_to_session_of_exactly_this_sender(
     data: bytes, sender_hw: int, expected: str | None
 ) -> None:
     made = table()
@@ -50,7 +50,7 @@ def test_a_packet_belongs_to_the_session_of_exactly_this_sender(
     assert made.refused == (expected is None)
 
 
-def test_a_source_goes_once_to_a_receiver_and_no_more_go_than_the_limit() -> None:
+def test_source_goes_once_and_within_limit() -> None:
     made = table()
     with pytest.raises(Conflict, match="camera: sent to gcs already"):
         made.check_sent("camera", "gcs")
@@ -60,7 +60,7 @@ def test_a_source_goes_once_to_a_receiver_and_no_more_go_than_the_limit() -> Non
     made.check_sent("camera", "gcs")
 
 
-def test_a_sender_that_began_again_replaces_its_session_even_when_there_is_no_room() -> None:
+def test_restarted_sender_replaces_session_without_room() -> None:
     made = table()
     assert made.replaced("rear", "uav2") is None
     made.add_received(SessionKey(UAV2, 91), "rear", "uav2", "rear of uav2")

@@ -23,7 +23,7 @@ def findings(mission: str) -> list[Finding]:
     return check_text(mission, "mission.json", Binding(), catalogue)[1]
 
 
-def test_the_plan_visits_all_corners_and_ends_where_it_began() -> None:
+def test_plan_visits_corners_and_returns() -> None:
     corners = [(5.0, 2.0), (5.0, 6.0), (1.0, 6.0), (1.0, 2.0)]
     assert plan(Parameters(side_m=4.0, rounds=2), 1.0, 2.0) == corners * 2
 
@@ -36,7 +36,7 @@ def test_the_vehicle_keeps_its_height_on_the_way() -> None:
     assert context.reports[-1] == (0.75, "to corner 4 of 4")
 
 
-def test_a_blocked_way_ends_the_block_with_its_error() -> None:
+def test_blocked_way_ends_block_with_error() -> None:
     vehicle = RecordedVehicle(Pose(0.0, 0.0, 7.5))
     vehicle.refuse[1] = BlockError("blocked", "a tree")
     with pytest.raises(BlockError, match="a tree"):
@@ -48,6 +48,6 @@ def test_the_mission_with_the_block_is_sound() -> None:
     assert findings(MISSION) == []
 
 
-def test_a_value_outside_its_bounds_is_refused_before_anything_moves() -> None:
+def test_value_outside_bounds_is_refused_before_moving() -> None:
     (finding,) = findings(MISSION.replace('"side_m": 5.0', '"side_m": -5.0'))
     assert "parameter 'side_m' of MyName: expected `float` > 0" in finding.message

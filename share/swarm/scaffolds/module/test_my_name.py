@@ -20,7 +20,7 @@ def test_the_value_is_published(tmp_path: Path) -> None:
     asyncio.run(check())
 
 
-def test_the_command_sets_the_offset_and_answers_the_old_one(tmp_path: Path) -> None:
+def test_command_sets_offset_and_answers_former(tmp_path: Path) -> None:
     async def check() -> None:
         async with tmp_node(tmp_path) as node, Module("my_name", node=node) as module:
             mine = MyName(module)

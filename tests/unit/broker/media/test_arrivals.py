@@ -25,5 +25,5 @@ def after(*numbers: int) -> float:
         ([*range(5000, 5008), *range(8)], 1.0),
     ],
 )
-def test_loss_is_the_share_of_the_numbers_that_are_missing(numbers: list[int], quality: float) -> None:
+def test_loss_is_share_of_numbers_that_are_missing(numbers: list[int], quality: float) -> None:
     assert after(*numbers) == pytest.approx(quality, abs=0.01)

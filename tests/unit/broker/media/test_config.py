@@ -27,12 +27,12 @@ NETWORK = '[[network]]\nname = "radio2"\ninterface = "wlan1"\n'
         (NETWORK + "udp_port = 0\n", r"line 4: key network\[0\]\.udp_port"),
     ],
 )
-def test_an_invalid_medium_is_named_by_file_line_and_key(text: str, message: str) -> None:
+def test_invalid_medium_is_named_with_file_and_key(text: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
         config.parse(text, Config, "broker.toml")
 
 
-def test_media_have_their_defaults_and_a_node_without_keys_uses_none_of_them() -> None:
+def test_media_have_defaults_and_stay_unused_without_keys() -> None:
     found = config.parse(SERIAL + NETWORK + 'carries = "payload"\n', Config, "broker.toml")
     assert (found.serial[0].baud, found.serial[0].carries) == (57_600, Carries.ALL)
     assert found.network[0].carries is Carries.PAYLOAD

@@ -46,7 +46,7 @@ def test_urgent_frames_pass_packets_and_beacons_pass_both() -> None:
     assert [datagram for _, datagram in drain(queue, 0, SECOND)] == [b"beacon", b"urgent", b"packet"]
 
 
-def test_beacons_take_half_of_a_line_at_most_and_the_newest_one_is_sent() -> None:
+def test_beacons_take_half_of_line_and_newest_leaves() -> None:
     queue, written = LineQueue(BAUD), list[bytes]()
     beacon_bytes = 100
     for tick in range(100):  # 10 Hz, of which the line could carry nine
@@ -67,7 +67,7 @@ def test_beacons_take_half_of_a_line_at_most_and_the_newest_one_is_sent() -> Non
     assert [one[0] for one in beacons] == sorted({one[0] for one in beacons})
 
 
-def test_packets_beyond_half_a_second_of_the_line_are_refused_and_counted() -> None:
+def test_packets_beyond_half_second_are_refused_and_counted() -> None:
     queue = LineQueue(BAUD)
     taken = sum(queue.put(b"x" * 50, urgent=False) for _ in range(100))
     assert taken == QUEUE_NS // duration_ns(b"x" * 50)
@@ -75,7 +75,7 @@ def test_packets_beyond_half_a_second_of_the_line_are_refused_and_counted() -> N
     assert queue.put(b"now", urgent=True), "urgent frames have room of their own"
 
 
-def test_what_waited_for_an_unplugged_line_is_not_sent_afterwards() -> None:
+def test_packets_queued_for_unplugged_line_are_dropped() -> None:
     queue = LineQueue(BAUD)
     queue.put_beacon(b"old")
     queue.put(b"old", urgent=True)
@@ -84,13 +84,13 @@ def test_what_waited_for_an_unplugged_line_is_not_sent_afterwards() -> None:
     assert queue.take(SECOND) is None
 
 
-def test_numbers_of_a_line_rise_and_arrive_with_the_datagrams() -> None:
+def test_numbers_of_line_rise_and_arrive_with_datagrams() -> None:
     sender, receiver = LineSender(), LineReceiver()
     line = b"".join(sender.frame(bytes([number])) for number in range(3))
     assert list(receiver.feed(line)) == [(0, b"\x00"), (1, b"\x01"), (2, b"\x02")]
 
 
-def test_a_frame_without_a_datagram_is_refused_by_name() -> None:
+def test_frame_without_datagram_is_refused_by_name() -> None:
     sender, receiver = LineSender(), LineReceiver()
     assert list(receiver.feed(sender.frame(b""))) == []
     assert receiver.refused == {"no datagram": 1}

@@ -65,7 +65,7 @@ class Ends:
         return {way.medium.name for way in self.table.ways(OTHER, Use.URGENT, self.now_ns)}
 
 
-def test_the_second_copy_of_a_beacon_is_known_as_one() -> None:
+def test_second_copy_of_beacon_is_known_as_one() -> None:
     table = Ends(RADIO, SECOND_RADIO).table
     assert table.is_first(OTHER, 1, 5)
     table.on_beacon(Header(0, OTHER, 5, 0, 1), ByMedium(RADIO, 5), ("host", 7), 0)
@@ -78,14 +78,14 @@ def test_the_second_copy_of_a_beacon_is_known_as_one() -> None:
     assert not table.is_first(OTHER, 1, 436), "as old as what the replay window refuses"
 
 
-def test_packets_take_the_medium_that_loses_less_and_urgent_frames_take_all() -> None:
+def test_packets_take_best_medium_and_urgent_take_all() -> None:
     ends = Ends(RADIO, SECOND_RADIO)
     ends.run(4, RADIO, SECOND_RADIO, radio=0.6, radio2=0.95)
     assert ends.chosen() == ["radio2"]
     assert ends.urgent() == {"radio", "radio2"}
 
 
-def test_each_direction_is_chosen_by_what_arrives_at_its_end() -> None:
+def test_each_direction_is_chosen_by_its_receptions() -> None:
     ends = Ends(RADIO, SECOND_RADIO)
     for _ in range(40):  # radio2 brings little to here, but all of ours there
         ends.run(0.1, RADIO, radio=0.6, radio2=0.95)
@@ -96,7 +96,7 @@ def test_each_direction_is_chosen_by_what_arrives_at_its_end() -> None:
     assert listed[SECOND_RADIO.number] == pytest.approx(128, abs=9)
 
 
-def test_the_choice_stays_until_another_medium_is_clearly_better() -> None:
+def test_choice_stays_until_another_medium_is_clearly_better() -> None:
     ends = Ends(RADIO, SECOND_RADIO)
     ends.run(2, RADIO, SECOND_RADIO, radio=0.9, radio2=0.88)
     assert ends.chosen() == ["radio"]
@@ -107,7 +107,7 @@ def test_the_choice_stays_until_another_medium_is_clearly_better() -> None:
     assert ends.changes == 2
 
 
-def test_a_slow_line_is_used_when_no_radio_is_left_and_no_longer_than_that() -> None:
+def test_slow_line_is_used_only_without_radio() -> None:
     ends = Ends(RADIO, MODEM)
     ends.run(2, RADIO, MODEM, radio=0.5, modem=1.0)
     assert ends.chosen() == ["radio"], "half of the packets of a radio are more than a line carries"
@@ -144,7 +144,7 @@ def test_a_silent_medium_is_found_at_its_deadline() -> None:
     assert ends.table.advance(due_ns) == [OTHER]
 
 
-def test_a_payload_link_takes_the_packets_and_no_commands() -> None:
+def test_payload_link_takes_packets_and_no_commands() -> None:
     ends = Ends(RADIO, VIDEO)
     ends.run(2, RADIO, VIDEO, radio=1.0, video=0.8)
     assert ends.chosen() == ["video"]
@@ -153,7 +153,7 @@ def test_a_payload_link_takes_the_packets_and_no_commands() -> None:
     assert ends.chosen() == ["radio"]
 
 
-def test_a_control_link_takes_packets_only_where_nothing_else_is_left() -> None:
+def test_control_link_takes_packets_as_last_resort() -> None:
     ends = Ends(RADIO, TELEMETRY)
     ends.run(2, RADIO, TELEMETRY, radio=0.3, telemetry=1.0)
     assert ends.chosen() == ["radio"]
@@ -171,7 +171,7 @@ def test_a_new_session_begins_with_no_medium() -> None:
     assert ends.chosen() == []
 
 
-def test_every_medium_is_listed_in_time_also_one_that_is_silent() -> None:
+def test_every_medium_is_listed_even_when_silent() -> None:
     ends = Ends(RADIO, MODEM)
     ends.run(3, RADIO, MODEM)
     first = ends.table.listings(ends.now_ns, 1000)
@@ -182,7 +182,7 @@ def test_every_medium_is_listed_in_time_also_one_that_is_silent() -> None:
     assert listed == {RADIO.number: 255, MODEM.number: 0}
 
 
-def test_beacons_are_as_frequent_as_the_medium_of_each_neighbour_allows() -> None:
+def test_beacon_rate_suits_medium_of_each_neighbour() -> None:
     ends = Ends(RADIO, MODEM)
     alone_hz = ends.table.beacon_hz(100, 0)
     assert alone_hz > 50, "while nobody is received the fast medium decides"
@@ -193,13 +193,13 @@ def test_beacons_are_as_frequent_as_the_medium_of_each_neighbour_allows() -> Non
 
 
 @pytest.mark.parametrize(("baud", "hops"), [(921_600, 0.5), (57_600, 8.7), (9_600, 32.0)])
-def test_a_slow_medium_costs_as_much_as_hops_of_radios(baud: int, hops: float) -> None:
+def test_slow_medium_costs_as_much_as_radio_hops(baud: int, hops: float) -> None:
     medium = MediumProfile("line", rate_bit_s=0.8 * baud)
     assert medium.rate_penalty / 256 == pytest.approx(hops, abs=0.2)
     assert medium.rate_penalty <= COST_MAX
 
 
-def test_a_neighbour_that_lists_no_media_has_the_main_network_alone() -> None:
+def test_neighbour_without_media_list_has_main_network_alone() -> None:
     ends = Ends(MAIN_MEDIUM, SECOND_RADIO)
     ends.run(1, MAIN_MEDIUM)
     assert ends.chosen() == []
@@ -212,7 +212,7 @@ def test_a_neighbour_that_lists_no_media_has_the_main_network_alone() -> None:
     assert ends.chosen() == [], "it does not receive this node"
 
 
-def test_what_a_neighbour_reports_of_all_media_says_nothing_of_one() -> None:
+def test_report_on_all_media_implies_nothing_for_one() -> None:
     ends = Ends(MAIN_MEDIUM, SECOND_RADIO)
     ends.run(1, MAIN_MEDIUM, SECOND_RADIO, main=0.0, radio2=1.0)
     ends.table.on_reported(OTHER, 255, ends.now_ns)
@@ -221,7 +221,7 @@ def test_what_a_neighbour_reports_of_all_media_says_nothing_of_one() -> None:
     assert ends.urgent() == {"radio2"}
 
 
-def test_connections_go_where_the_neighbour_was_received_last_until_it_reports() -> None:
+def test_connections_follow_last_reception_until_neighbour_reports() -> None:
     ends = Ends(RADIO, MODEM)
     assert ends.table.host(OTHER) == ""
     ends.run(1, MODEM)
@@ -230,7 +230,7 @@ def test_connections_go_where_the_neighbour_was_received_last_until_it_reports()
     assert ends.table.host(OTHER) == "host", "over it, its session is proven"
 
 
-def test_every_link_is_listed_where_one_beacon_has_no_room_for_all() -> None:
+def test_every_link_is_listed_over_several_beacons() -> None:
     ends = Ends(RADIO, SECOND_RADIO)
     for hw in range(10, 40):
         ends.hear(RADIO, SECOND_RADIO, hw=hw)
@@ -241,7 +241,7 @@ def test_every_link_is_listed_where_one_beacon_has_no_room_for_all() -> None:
 
 
 @pytest.mark.parametrize(("lost", "periods"), [(0, 2.5), (9, 4.8), (20, 6.0)])
-def test_a_medium_that_loses_much_is_silent_after_more_missing_beacons(lost: int, periods: float) -> None:
+def test_lossy_medium_is_silent_after_more_missing_beacons(lost: int, periods: float) -> None:
     link = MediumLink(RADIO, SECOND)
     arrived = [number for number in range(33) if not (number and number <= lost)]
     for number in arrived:
@@ -249,7 +249,7 @@ def test_a_medium_that_loses_much_is_silent_after_more_missing_beacons(lost: int
     assert link.deadline_ns == pytest.approx(periods * SECOND, rel=0.02)
 
 
-def test_hundreds_of_links_are_all_listed_in_a_period_that_a_medium_survives() -> None:
+def test_hundreds_of_links_are_listed_within_period() -> None:
     ends = Ends(RADIO, SECOND_RADIO)
     for hw in range(10, 210):
         ends.hear(RADIO, SECOND_RADIO, hw=hw)
@@ -263,7 +263,7 @@ def test_hundreds_of_links_are_all_listed_in_a_period_that_a_medium_survives() -
     assert len(last) == 400
 
 
-def test_a_small_table_is_listed_once_in_a_period() -> None:
+def test_small_table_is_listed_once_in_period() -> None:
     ends = Ends(RADIO, SECOND_RADIO)
     for hw in range(10, 30):
         ends.hear(RADIO, SECOND_RADIO, hw=hw)
@@ -271,7 +271,7 @@ def test_a_small_table_is_listed_once_in_a_period() -> None:
     assert sizes == [25, 15, 0, 0, 25, 15, 0, 0]
 
 
-def test_a_beacon_over_a_payload_link_is_always_a_copy() -> None:
+def test_beacon_over_payload_link_is_always_copy() -> None:
     ends = Ends(RADIO, VIDEO)
     header = Header(0, OTHER, 5, 0, 1)
     assert ends.table.is_copy(header, ByMedium(VIDEO, 1))
@@ -289,7 +289,7 @@ def test_the_medium_of_arriving_packets_is_noted() -> None:
     assert noted == {"radio"}
 
 
-def test_a_neighbour_that_is_silent_on_all_media_is_forgotten() -> None:
+def test_neighbour_silent_on_all_media_is_forgotten() -> None:
     ends = Ends(RADIO)
     ends.run(2.0, RADIO, radio=1.0)
     assert ends.table.address(OTHER, "radio") == ("host", 7)
@@ -303,7 +303,7 @@ def test_a_neighbour_that_is_silent_on_all_media_is_forgotten() -> None:
     assert ends.table.links(OTHER) == [], "a listing alone makes no neighbour"
 
 
-def test_the_rate_of_the_chosen_medium_adds_to_the_cost() -> None:
+def test_rate_of_chosen_medium_adds_to_cost() -> None:
     ends = Ends(MODEM)
     assert ends.table.penalty(OTHER) == 0, "unknown"
     ends.run(2.0, MODEM, modem=1.0)

@@ -48,7 +48,7 @@ def test_connections_are_measured_while_frames_wait_for_them() -> None:
     assert links.deadline_ns() is None
 
 
-def test_a_queue_behind_which_frames_wait_is_left_within_two_looks() -> None:
+def test_blocking_queue_is_left_within_two_looks() -> None:
     links = ReliableLinks(Config())
     assert looked(links, QUEUE_NS + MS) == [SetBuffer(UAV1, SIZE_MIN)]
     assert not links.is_clean(UAV1)
@@ -58,7 +58,7 @@ def test_a_queue_behind_which_frames_wait_is_left_within_two_looks() -> None:
     assert looked(links, QUEUE_NS + MS, 2 * CHECK_NS) == [SetBuffer(UAV1, SIZE_MIN)], "it moves once"
 
 
-def test_one_look_or_a_queue_for_which_nothing_waits_proves_nothing() -> None:
+def test_single_look_or_unused_queue_proves_nothing() -> None:
     links = ReliableLinks(Config())
     for excess_ns in (QUEUE_NS + MS, QUEUE_NS, QUEUE_NS + MS):
         looked(links, excess_ns)
@@ -71,7 +71,7 @@ def test_one_look_or_a_queue_for_which_nothing_waits_proves_nothing() -> None:
     assert not links.uses_datagrams(UAV1), "a connection that is being opened has no round trip"
 
 
-def test_a_link_that_is_overloaded_from_the_first_second_on_is_seen_by_the_least_round_trip_of_tcp() -> None:
+def test_initial_overload_is_seen_by_round_trip() -> None:
     links = ReliableLinks(Config())
     links.on_quality(UAV1, LinkQuality(0.0, 400 * MS), 0)  # the first beacons wait in the queue
     looked(links, 300 * MS)
@@ -87,7 +87,7 @@ def test_a_link_that_is_overloaded_from_the_first_second_on_is_seen_by_the_least
     assert base_ns < 2 * MIN_NS + 400 * MS // 32
 
 
-def test_the_buffer_grows_where_it_is_the_limit_and_shrinks_at_a_queue() -> None:
+def test_buffer_grows_as_limit_and_shrinks_with_queue() -> None:
     links = ReliableLinks(Config())
     sizes: list[int] = []
     for look in range(10):
@@ -109,7 +109,7 @@ def unopened(links: ReliableLinks, from_ns: int, until_ns: int) -> list[Action]:
     ]
 
 
-def test_frames_that_wait_for_a_connection_that_does_not_open_take_datagrams() -> None:
+def test_frames_awaiting_connection_take_datagrams() -> None:
     links = ReliableLinks(Config())
     assert unopened(links, 0, UNOPENED_NS) == []
     assert unopened(links, UNOPENED_NS, UNOPENED_NS + S) == [UseDatagrams(UAV1)]
@@ -122,7 +122,7 @@ def test_frames_that_wait_for_a_connection_that_does_not_open_take_datagrams() -
     assert not links.uses_datagrams(UAV1), "it is open now"
 
 
-def test_a_connection_that_opens_late_or_is_pinned_keeps_its_frames() -> None:
+def test_late_or_pinned_connection_keeps_its_frames() -> None:
     links = ReliableLinks(Config())
     unopened(links, 0, UNOPENED_NS)
     looked(links, 0, UNOPENED_NS)
@@ -131,7 +131,7 @@ def test_a_connection_that_opens_late_or_is_pinned_keeps_its_frames() -> None:
     assert unopened(pinned, 0, 5 * UNOPENED_NS) == []
 
 
-def test_a_pinned_connection_is_kept_with_the_smallest_buffer() -> None:
+def test_pinned_connection_is_kept_with_smallest_buffer() -> None:
     links = ReliableLinks(Config(frames=FrameCarrier.TCP))
     found = [looked(links, 10 * QUEUE_NS) for _ in range(5)]
     assert found == [[SetBuffer(UAV1, SIZE_MIN)]] * 5
@@ -161,7 +161,7 @@ def sent(links: ReliableLinks, now_ns: int, until_ns: int) -> int:
 
 
 @pytest.mark.parametrize("is_known", [False, True], ids=["first", "used before"])
-def test_behind_a_queue_datagrams_begin_with_the_least_window_and_no_early_probe(is_known: bool) -> None:
+def test_datagrams_behind_queue_begin_with_least_window(is_known: bool) -> None:
     links = ReliableLinks(Config())
     links.on_quality(UAV1, LinkQuality(0.0, MIN_NS), 0)
     if is_known:

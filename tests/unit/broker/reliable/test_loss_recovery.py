@@ -36,7 +36,7 @@ def test_a_packet_overtaken_by_three_others_is_lost() -> None:
     assert not recovery
 
 
-def test_an_overtaken_packet_is_lost_after_nine_eighths_of_the_round_trip() -> None:
+def test_overtaken_packet_is_lost_after_nine_eighths() -> None:
     recovery = LossRecovery(0)
     sent(recovery, 0, 1)
     assert acknowledge(recovery, (1, 1), now_ns=RTT) == ([1], [])
@@ -48,7 +48,7 @@ def test_an_overtaken_packet_is_lost_after_nine_eighths_of_the_round_trip() -> N
     assert not probe
 
 
-def test_the_delay_of_the_acknowledgement_is_not_part_of_the_round_trip() -> None:
+def test_acknowledgement_delay_is_excluded_from_round_trip() -> None:
     recovery = LossRecovery(0)
     sent(recovery, 0)
     settled = recovery.on_acknowledgement(Acknowledgement(((0, 0),), 4 * MS), RTT + 4 * MS)
@@ -59,7 +59,7 @@ def test_the_delay_of_the_acknowledgement_is_not_part_of_the_round_trip() -> Non
     assert settled.round_trip_ns == 1, "a neighbour cannot state a longer delay than the whole time"
 
 
-def test_waits_for_a_processor_are_part_of_time_outs_and_not_of_the_round_trip() -> None:
+def test_processor_delay_counts_for_timeouts_only() -> None:
     recovery = LossRecovery(0)
     sent(recovery, 0)
     waited_there_ns, waited_here_ns = 60 * MS, 80 * MS
@@ -70,7 +70,7 @@ def test_waits_for_a_processor_are_part_of_time_outs_and_not_of_the_round_trip()
     assert recovery.smoothed_ns == RTT + waited_there_ns + waited_here_ns - ACK_DELAY_NS
 
 
-def test_a_late_packet_makes_it_wait_longer_for_the_next_ones() -> None:
+def test_late_packet_lengthens_next_timeouts() -> None:
     recovery = LossRecovery(0)
     sent(recovery, 0, 1, 2, 3)
     acknowledge(recovery, (1, 3), now_ns=RTT)
@@ -80,7 +80,7 @@ def test_a_late_packet_makes_it_wait_longer_for_the_next_ones() -> None:
     assert acknowledge(recovery, (5, 7), now_ns=2 * RTT) == ([5, 6, 7], [])
 
 
-def test_silence_is_probed_at_growing_distances_up_to_a_limit() -> None:
+def test_silence_is_probed_with_growing_intervals() -> None:
     recovery = LossRecovery(0)
     sent(recovery, 0)
     acknowledge(recovery, (0, 0), now_ns=RTT)
@@ -104,7 +104,7 @@ def command(recovery: LossRecovery, number: int, at_ns: int) -> None:
     recovery.on_sent(SentPacket(number, 100, at_ns, (), has_command=True))
 
 
-def test_a_command_is_probed_earlier_and_several_times_before_the_distance_grows() -> None:
+def test_command_is_probed_earlier_and_more_often() -> None:
     recovery = LossRecovery(0)
     sent(recovery, 0)
     acknowledge(recovery, (0, 0), now_ns=RTT)
@@ -125,7 +125,7 @@ def test_a_command_is_probed_earlier_and_several_times_before_the_distance_grows
     assert waits == [first] * (COMMAND_PROBES + 1) + [2 * first] * 2
 
 
-def test_a_probe_that_has_nothing_of_the_command_to_repeat_is_not_due_again_at_once() -> None:
+def test_probe_without_command_data_is_not_due_again() -> None:
     recovery = LossRecovery(RTT)
     command(recovery, 0, 0)
     now_ns = recovery.deadline_ns() or 0
@@ -136,7 +136,7 @@ def test_a_probe_that_has_nothing_of_the_command_to_repeat_is_not_due_again_at_o
     assert due_ns > now_ns
 
 
-def test_without_a_command_in_flight_the_longer_wait_applies_again() -> None:
+def test_longer_wait_applies_again_without_command() -> None:
     recovery = LossRecovery(RTT)
     command(recovery, 0, 0)
     sent(recovery, 1)
@@ -146,14 +146,14 @@ def test_without_a_command_in_flight_the_longer_wait_applies_again() -> None:
     assert recovery.deadline_ns() == RTT + 3 * RTT + SLACK_NS
 
 
-def test_before_the_first_round_trip_that_of_the_beacons_counts() -> None:
+def test_round_trip_of_beacons_counts_at_first() -> None:
     recovery = LossRecovery(RTT)
     sent(recovery, 0)
     assert recovery.deadline_ns() == 2 * RTT + SLACK_NS
     assert LossRecovery(0).deadline_ns() is None
 
 
-def test_an_acknowledgement_of_many_numbers_costs_no_more_than_what_is_in_flight() -> None:
+def test_acknowledgement_costs_no_more_than_flight_size() -> None:
     recovery = LossRecovery(0)
     sent(recovery, 5, 7)
     assert acknowledge(recovery, (0, 4_000_000_000), now_ns=RTT) == ([5, 7], [])

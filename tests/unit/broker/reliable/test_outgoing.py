@@ -38,7 +38,7 @@ def test_commands_go_before_streams_and_those_before_files() -> None:
     assert [one.frame.sequence for one in order if one is not None] == [9, 3, 2, 1, 0]
 
 
-def test_a_command_goes_between_the_pieces_of_a_file() -> None:
+def test_command_goes_between_pieces_of_file() -> None:
     outgoing = OutgoingMessages()
     outgoing.put(queued(1, 5000, FrameKind.FILE))
     first = outgoing.take(ALL, ROOM, T)[0]
@@ -63,14 +63,14 @@ def test_pieces_are_the_whole_message() -> None:
     assert len(outgoing) == 0
 
 
-def test_what_fits_a_packet_of_its_own_is_not_cut_to_fill_another() -> None:
+def test_fitting_frame_is_not_split_to_fill_packet() -> None:
     outgoing = OutgoingMessages()
     outgoing.put(queued(1, 800))
     assert outgoing.take(ALL, 500, T)[0] is None
     assert outgoing.take(ALL, ROOM, T)[0] is not None
 
 
-def test_lost_pieces_go_first_and_only_while_they_are_missing() -> None:
+def test_lost_pieces_go_first_while_missing() -> None:
     outgoing = OutgoingMessages()
     outgoing.put(queued(1))
     outgoing.put(queued(2))
@@ -87,7 +87,7 @@ def test_lost_pieces_go_first_and_only_while_they_are_missing() -> None:
     assert outgoing.repeat((two,), copies=2) == ()
 
 
-def test_a_copy_of_a_frame_that_has_not_arrived_is_not_sent() -> None:
+def test_copy_of_undelivered_frame_is_not_sent() -> None:
     outgoing = OutgoingMessages()
     outgoing.put(queued(1))
     outgoing.put(queued(1))
@@ -118,7 +118,7 @@ def test_not_more_messages_begin_than_a_receiver_takes() -> None:
     assert not outgoing.has(ALL)
 
 
-def test_all_that_has_not_arrived_is_returned_by_priority() -> None:
+def test_undelivered_frames_are_returned_by_priority() -> None:
     outgoing = OutgoingMessages()
     outgoing.put(queued(1, kind=FrameKind.FILE))
     outgoing.put(queued(2, kind=FrameKind.STREAM))

@@ -58,7 +58,7 @@ def test_a_packet_survives_its_encoding(packet: Packet) -> None:
 
 
 @given(acknowledgements(), st.lists(pieces(), max_size=3).map(tuple))
-def test_the_sizes_that_fill_a_packet_are_the_encoded_ones(
+def test_sizes_that_fill_packet_are_encoded_ones(
     acknowledgement: Acknowledgement, some: tuple[Piece, ...]
 ) -> None:
     size = HEAD_BYTES + acknowledgement_bytes(acknowledgement) + sum(map(piece_bytes, some))
@@ -82,7 +82,7 @@ def test_a_changed_packet_is_decoded_or_refused(packet: Packet, draw: st.DataObj
         decode(bytes(data[: draw.draw(st.integers(0, len(data)))]))
 
 
-def test_old_ranges_that_do_not_fit_are_left_out() -> None:
+def test_old_ranges_without_room_are_left_out() -> None:
     many = tuple((1000 - 4 * number, 1001 - 4 * number) for number in range(RANGES_MAX + 8))
     found = decode(encode(Packet(1, 0, Acknowledgement(many, 0)))).acknowledgement
     assert found is not None

@@ -60,11 +60,11 @@ def test_the_window_doubles_until_there_is_a_queue() -> None:
     assert before < rounds.round(RTT) < 1.2 * before, "it does not begin to double again"
 
 
-def test_a_window_that_is_not_used_does_not_grow() -> None:
+def test_window_that_is_not_used_does_not_grow() -> None:
     assert Rounds().round(RTT, used=False) == WINDOW_FIRST
 
 
-def test_a_long_queue_shrinks_the_window_to_what_the_link_passes() -> None:
+def test_long_queue_shrinks_window_to_what_link_passes() -> None:
     rounds = Rounds()
     rounds.round(RTT)
     before = rounds.round(RTT)
@@ -76,7 +76,7 @@ def test_a_long_queue_shrinks_the_window_to_what_the_link_passes() -> None:
     assert windows[-1] == WINDOW_MIN
 
 
-def test_a_link_that_has_become_slower_for_good_gets_a_new_minimum() -> None:
+def test_permanently_slower_link_gets_new_minimum() -> None:
     rounds = Rounds()
     rounds.round(RTT)
     for _ in range(30):
@@ -85,7 +85,7 @@ def test_a_link_that_has_become_slower_for_good_gets_a_new_minimum() -> None:
     assert rounds.rate.window > WINDOW_MIN
 
 
-def test_the_usual_loss_of_a_link_does_not_shrink_the_window() -> None:
+def test_usual_loss_of_link_does_not_shrink_window() -> None:
     rounds = Rounds(loss=0.3)
     before = rounds.rate.window
     for _ in range(10):
@@ -118,7 +118,7 @@ def test_commands_have_a_reserve() -> None:
     assert not rate.has_room(reserve=True)
 
 
-def test_the_pace_spreads_a_window_over_a_round_trip() -> None:
+def test_pace_spreads_window_over_round_trip() -> None:
     rate = RateControl(0)
     now_ns, sent = 0, 0
     while now_ns < RTT:
@@ -131,7 +131,7 @@ def test_the_pace_spreads_a_window_over_a_round_trip() -> None:
     assert 12 <= sent <= 18
 
 
-def test_the_minimum_of_the_round_trip_is_forgotten_after_a_while() -> None:
+def test_minimum_of_round_trip_is_forgotten_after_while() -> None:
     rate = RateControl(0)
     rate.on_round_trip(RTT, 0)
     rate.on_round_trip(3 * RTT, BASE_NS)
@@ -149,14 +149,14 @@ def test_silence_halves_the_window() -> None:
     assert rate.window == WINDOW_MIN
 
 
-def test_a_round_trip_that_is_known_from_beacons_shows_the_queue_at_once() -> None:
+def test_round_trip_from_beacons_shows_queue_at_once() -> None:
     rate = RateControl(0, base_ns=RTT)
     rate.on_round_trip(5 * RTT, 0)
     assert rate.queueing_ns == 4 * RTT
     assert RateControl(0).queueing_ns == 0
 
 
-def test_the_capacity_is_what_arrives_while_the_link_is_the_limit() -> None:
+def test_capacity_is_what_arrives_while_link_is_limit() -> None:
     rounds = Rounds()
     rounds.round(RTT)
     rounds.round(RTT)

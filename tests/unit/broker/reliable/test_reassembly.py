@@ -16,7 +16,7 @@ def cut(data: bytes, size: int, number: int = 0) -> list[Piece]:
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_pieces_in_any_order_and_more_than_once_give_the_message_once(seed: int) -> None:
+def test_pieces_in_any_order_give_message_once(seed: int) -> None:
     parts = cut(TEXT, 700) * 2
     Random(seed).shuffle(parts)
     incoming = Reassembly()
@@ -30,7 +30,7 @@ def test_a_message_in_one_piece_is_delivered_once() -> None:
     assert incoming.on_piece(Piece(4, 2, 0, b"ab")) is None
 
 
-def test_below_the_floor_nothing_is_delivered_again_and_nothing_kept() -> None:
+def test_nothing_below_floor_is_delivered_or_kept() -> None:
     incoming = Reassembly()
     incoming.on_piece(Piece(0, 1, 0, b"a"))
     for part in cut(TEXT, 700, number=1)[:3]:
@@ -60,14 +60,14 @@ def test_a_message_far_after_the_floor_is_refused() -> None:
     [Piece(0, 99, 3, b"abc"), Piece(0, 10, 0, b"abcd"), Piece(0, 10, 2, b"abcdefgh")],
     ids=["another length", "another piece there", "an overlap"],
 )
-def test_pieces_that_do_not_fit_each_other_are_refused(second: Piece) -> None:
+def test_mismatched_pieces_are_refused(second: Piece) -> None:
     incoming = Reassembly()
     assert incoming.on_piece(Piece(0, 10, 0, b"abc")) is None
     with pytest.raises(WireError, match=r"fit each other|overlap"):
         incoming.on_piece(second)
 
 
-def test_incomplete_messages_have_a_limit_and_those_that_began_go_on() -> None:
+def test_incomplete_messages_are_limited_and_begun_continue() -> None:
     incoming = Reassembly()
     large = BYTES_MAX // 2
     for number in range(2):

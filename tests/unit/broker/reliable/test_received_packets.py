@@ -39,7 +39,7 @@ def test_the_newest_ranges_are_kept() -> None:
     assert ranges_of(received) == tuple((198 - 2 * at, 198 - 2 * at) for at in range(RANGES_MAX))
 
 
-def test_one_packet_in_order_is_acknowledged_after_a_delay_two_at_once() -> None:
+def test_one_packet_is_acknowledged_late_two_at_once() -> None:
     received = ReceivedPackets()
     received.on_packet(0, True, T)
     assert due_ns(received) == T + ACK_DELAY_NS

@@ -34,7 +34,7 @@ def arrive(
     return packets(one.on_packet(data, now_ns))
 
 
-def test_an_acknowledgement_rides_in_the_next_packet_or_goes_alone() -> None:
+def test_acknowledgement_rides_in_next_packet_or_goes_alone() -> None:
     one = link()
     assert arrive(one, 0, 0) == []
     [packet] = packets(one.on_frame(queued(1), 1))
@@ -48,7 +48,7 @@ def test_an_acknowledgement_rides_in_the_next_packet_or_goes_alone() -> None:
     assert packet.acknowledgement.largest == 1
 
 
-def test_small_frames_share_a_packet_when_the_window_opens() -> None:
+def test_small_frames_share_packet_when_window_opens() -> None:
     one = link()
     sent = packets([action for number in range(40) for action in one.on_frame(queued(number, 1000), 0)])
     waiting = 40 - len(sent)
@@ -73,7 +73,7 @@ def test_a_command_passes_a_full_window() -> None:
     assert packet.pieces[0].total < 100
 
 
-def test_a_probe_repeats_the_oldest_packet_once_then_twice() -> None:
+def test_probe_repeats_oldest_packet_once_then_twice() -> None:
     one = link()
     [first] = packets(one.on_frame(queued(1, 500), 0))
     one.on_frame(queued(2, 500), 0)
@@ -100,7 +100,7 @@ def test_what_arrived_meanwhile_is_not_repeated() -> None:
     assert one.deadline_ns() is None
 
 
-def test_a_packet_without_room_for_its_acknowledgement_leaves_it_to_another() -> None:
+def test_full_packet_leaves_acknowledgement_to_another() -> None:
     one = link()
     for number in range(0, 60, 2):
         one.on_packet(encode(Packet(number, 0, None, (), ping=False)), 0)

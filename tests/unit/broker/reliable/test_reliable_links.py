@@ -45,16 +45,16 @@ def chosen(links: ReliableLinks, losses: list[float], first_s: int = 0) -> list[
     return found
 
 
-def test_a_link_with_loss_gets_datagrams_within_a_second_or_two() -> None:
+def test_lossy_link_gets_datagrams_within_two_seconds() -> None:
     assert chosen(ReliableLinks(Config()), [0.3]) == [True]
     assert chosen(ReliableLinks(Config()), [0.1, 0.1]) == [False, True]
 
 
-def test_a_clean_link_and_a_single_loss_stay_with_the_connection() -> None:
+def test_clean_link_and_single_loss_stay_with_connection() -> None:
     assert not any(chosen(ReliableLinks(Config()), [0.0, 0.0625, 0.0, 0.0, 0.0625, 0.0]))
 
 
-def test_a_link_is_clean_once_it_was_measured_and_while_nearly_nothing_is_lost_or_late() -> None:
+def test_measured_link_is_clean_without_loss_or_lateness() -> None:
     links = ReliableLinks(Config())
     assert not links.is_clean(UAV1), "nothing is known of it"
     found: list[bool] = []
@@ -77,7 +77,7 @@ def seconds_with(links: ReliableLinks, round_trips_ms: list[int], first_s: int =
     return found
 
 
-def test_a_link_whose_queue_the_connection_fills_gets_datagrams() -> None:
+def test_link_whose_queue_connection_fills_gets_datagrams() -> None:
     assert seconds_with(ReliableLinks(Config()), [20, 30, 90, 110]) == [False, False, False, True]
     assert not any(seconds_with(ReliableLinks(Config()), [20, 120, 20, 120, 20])), "one second proves nothing"
     assert not any(seconds_with(ReliableLinks(Config()), [200, 0, 220, 200])), "a long way is no queue"
@@ -93,7 +93,7 @@ def test_a_full_link_keeps_its_datagrams() -> None:
     assert not seconds_with(links, [30] * 60, first_s=63)[-1]
 
 
-def test_a_link_without_loss_for_a_while_gets_its_connection_back() -> None:
+def test_link_without_loss_regains_its_connection() -> None:
     links = ReliableLinks(Config())
     chosen(links, [0.3])
     seconds = chosen(links, [0.0] * 60, first_s=1)
@@ -108,7 +108,7 @@ def test_one_carrier_can_be_pinned() -> None:
     assert all(chosen(ReliableLinks(Config(frames=FrameCarrier.UDP)), [0.0] * 60))
 
 
-def test_packets_of_a_neighbour_that_measures_more_loss_are_answered_in_the_same_way() -> None:
+def test_packets_are_answered_on_their_own_path() -> None:
     there = ReliableLinks(Config())
     [sent] = [one for one in there.on_frame(3, 5, queued(1), 0) if isinstance(one, SendPacket)]
     links = ReliableLinks(Config())
@@ -138,7 +138,7 @@ def test_a_frame_is_sent_counted_and_delivered() -> None:
     assert there.on_packet(3, 5, sent.data, None, S)[:1] != [DeliverFrame(3, item.data)]
 
 
-def test_a_neighbour_that_started_again_gets_what_the_former_session_did_not() -> None:
+def test_restarted_neighbour_gets_undelivered_frames() -> None:
     links = ReliableLinks(Config())
     for number in range(3):
         links.on_frame(UAV1, SESSION, queued(number), 0)
@@ -160,7 +160,7 @@ def unanswered(links: ReliableLinks) -> int:
     return now_ns
 
 
-def test_a_neighbour_that_acknowledges_nothing_gets_the_connection_for_a_while() -> None:
+def test_neighbour_that_acknowledges_nothing_gets_connection_for_while() -> None:
     links = ReliableLinks(Config())
     now_ns = unanswered(links)
     [back] = links.on_quality(UAV1, LinkQuality(0.3), now_ns)
@@ -172,7 +172,7 @@ def test_a_neighbour_that_acknowledges_nothing_gets_the_connection_for_a_while()
     assert links.on_quality(UAV1, LinkQuality(0.3), now_ns + BLOCKED_NS) == [UseDatagrams(UAV1)]
 
 
-def test_a_neighbour_that_has_acknowledged_before_may_be_silent_for_seconds() -> None:
+def test_acknowledging_neighbour_may_be_silent_for_seconds() -> None:
     links = ReliableLinks(Config())
     chosen(links, [0.3])
     links.on_frame(UAV1, SESSION, queued(1), 0)
@@ -189,14 +189,14 @@ def test_a_neighbour_that_has_acknowledged_before_may_be_silent_for_seconds() ->
     assert isinstance(links.on_quality(UAV1, LinkQuality(0.3), now_ns)[0], UseConnection)
 
 
-def test_in_an_outage_of_the_whole_link_it_goes_on() -> None:
+def test_outage_of_whole_link_continues() -> None:
     links = ReliableLinks(Config())
     now_ns = unanswered(links)
     assert links.on_quality(UAV1, LinkQuality(0.9), now_ns) == []
     assert packets(links.on_timer(links.deadline_ns() or 0))
 
 
-def test_frames_of_a_lost_neighbour_are_returned_and_its_numbers_continue() -> None:
+def test_lost_neighbour_returns_frames_and_continues_numbers() -> None:
     links = ReliableLinks(Config())
     chosen(links, [0.3])
     links.on_frame(UAV1, SESSION, queued(1), 0)

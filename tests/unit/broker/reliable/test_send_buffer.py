@@ -42,7 +42,7 @@ class Link:
         return self.buffer.size
 
 
-def test_on_a_short_way_it_grows_to_its_limit_at_each_look() -> None:
+def test_buffer_on_short_way_grows_to_limit() -> None:
     link = Link(2 * MS, 100e6)
     assert link.look(1) == round(1.5 * SIZE_MIN)
     assert link.look(10) == SIZE_MAX
@@ -55,7 +55,7 @@ def test_a_long_way_gets_what_its_rate_needs(known_ns: int | None) -> None:
     assert link.sizes[5] < SIZE_MAX, "a change is awaited before the next"
 
 
-def test_where_a_delay_is_its_own_queue_the_trial_is_taken_back_and_repeated_later() -> None:
+def test_trial_is_reverted_where_delay_is_own_queue() -> None:
     link = Link(MS, 200_000.0)  # 1.6 Mbit/s: 23 ms with the least buffer
     link.look(6)
     assert set(link.sizes) == {round(1.5 * SIZE_MIN), SIZE_MIN}
@@ -82,7 +82,7 @@ def test_a_queue_makes_it_small_at_once() -> None:
     assert link.look(1) > SIZE_MIN
 
 
-def test_a_way_that_becomes_shorter_again_leaves_no_allowance_for_a_queue() -> None:
+def test_shortened_way_leaves_no_allowance_for_queue() -> None:
     link = Link(50 * MS, 100e6, MS)
     link.look(60)
     assert link.buffer.queue_ns(ConnectionDelay(50 * MS, MS)) == 0

@@ -21,7 +21,7 @@ from swarmware.errors import ConfigError, Denied, InvalidInput, NotFound, SwarmE
 from swarmware.runtime.filewriter import replace_file
 
 
-def test_pushed_files_replace_those_of_the_last_push_and_keep_others(tmp_path: Path) -> None:
+def test_pushed_files_replace_last_push_and_keep_others(tmp_path: Path) -> None:
     first = content(tmp_path, broker=b"udp_port = 7001\n") | {"data/missions/m/mission.toml": b"m"}
     seen = push(tmp_path, first)
     assert (seen.configured, seen.running, seen.config) == (True, False, digest(first))
@@ -69,7 +69,7 @@ def test_a_push_that_was_cut_off_changes_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("killed_at", range(3))
-def test_a_push_that_was_killed_among_its_files_is_completed_by_the_next_order(
+def test_killed_push_is_completed_by_next_order(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, killed_at: int
 ) -> None:
     push(tmp_path, content(tmp_path, broker=b""))
@@ -127,7 +127,7 @@ def test_an_armed_vehicle_is_stopped_by_force_only(
         child.wait()
 
 
-def test_an_error_on_the_host_has_the_same_exit_code_here() -> None:
+def test_error_on_host_has_same_exit_code_here() -> None:
     def printed(text: bytes, code: int = 0, stderr: str = "") -> ssh.Finished:
         return ssh.Finished(code, text, stderr)
 
@@ -151,7 +151,7 @@ class Local(remote.Remote):
             raise SwarmError(stderr.decode().strip())
 
 
-def test_a_wheel_is_uploaded_whole_and_its_installation_is_recorded_at_its_end(tmp_path: Path) -> None:
+def test_wheel_is_uploaded_whole_and_installation_recorded(tmp_path: Path) -> None:
     prefix = tmp_path / "a b"
     (host,) = read(HOST + f'prefix = "{prefix}"\npip = ["--find-links", "a folder"]\n')
     python = prefix / "bin/python"

@@ -33,7 +33,7 @@ template = "gcs"
 """
 
 
-def test_keys_of_a_host_replace_the_defaults_also_when_they_have_the_value_of_the_program() -> None:
+def test_keys_of_host_replace_all_defaults() -> None:
     uav, gcs = read(TWO)
     assert (uav.keys.user, uav.keys.port, uav.keys.services) == ("pilot", 2222, "services")
     assert (gcs.keys.user, gcs.keys.port, gcs.keys.services) == ("pilot", 22, "")
@@ -61,7 +61,7 @@ def test_keys_of_a_host_replace_the_defaults_also_when_they_have_the_value_of_th
         ('[defaults.node]\nkindd = "uav"\n' + HOST, 2, "defaults.node.kindd"),
     ],
 )
-def test_an_invalid_file_is_refused_with_its_line_and_key(text: str, line: int, part: str) -> None:
+def test_invalid_file_is_refused_with_line_and_key(text: str, line: int, part: str) -> None:
     with pytest.raises(ConfigError) as caught:
         read(text)
     assert "HOSTS.toml" in str(caught.value)
@@ -69,7 +69,7 @@ def test_an_invalid_file_is_refused_with_its_line_and_key(text: str, line: int, 
     assert caught.value.line == line
 
 
-def test_the_files_of_a_push_are_those_of_the_folders_beside_the_file(tmp_path: Path) -> None:
+def test_pushed_files_come_from_folders_beside_file(tmp_path: Path) -> None:
     (tmp_path / "services").mkdir()
     (tmp_path / "services/broker.toml").write_text("udp_port = 1\n")
     (tmp_path / "services/notes.txt").write_text("not pushed")
@@ -107,7 +107,7 @@ def test_the_schema_accepts_what_the_reader_accepts() -> None:
         jsonschema.validate({"hosts": [{"name": "uav1", "address": "a", "prot": 1}]}, schema)
 
 
-def test_names_of_hosts_are_completed_from_the_file_and_nothing_from_a_broken_one(
+def test_host_names_are_completed_from_valid_file_only(
     tmp_path: Path,
 ) -> None:
     file = tmp_path / "HOSTS.toml"
@@ -119,7 +119,7 @@ def test_names_of_hosts_are_completed_from_the_file_and_nothing_from_a_broken_on
     assert hosts.host_names("", "") == []
 
 
-def test_ssh_gets_each_word_quoted_for_the_shell_of_the_host() -> None:
+def test_ssh_words_are_quoted_for_remote_shell() -> None:
     uav, gcs = read(TWO.replace('"10.0.0.1"', '"10.0.0.1"\nsudo = true\nidentity = "key"'))
     line = command_line(uav, ["echo", "a b", "$(reboot)", "'"], 5.0)
     assert line[0] == "ssh"

@@ -68,7 +68,7 @@ def test_an_installed_wheel_is_recorded_by_its_sum(environment: Environment) -> 
 
 
 @pytest.mark.parametrize("name", [NAME, "swarmware-3.0-py3-none-any.whl"])
-def test_a_wheel_that_cannot_be_installed_leaves_the_former_one(environment: Environment, name: str) -> None:
+def test_wheel_that_cannot_be_installed_leaves_former_one(environment: Environment, name: str) -> None:
     assert environment.upload(b"bad", name) == ""
     (environment.root / "site" / "software").write_bytes(b"half of it")
     assert (
@@ -82,13 +82,13 @@ def test_a_wheel_that_cannot_be_installed_leaves_the_former_one(environment: Env
     assert environment.software == b"third"
 
 
-def test_without_a_former_wheel_the_error_says_only_why(tmp_path: Path) -> None:
+def test_error_without_former_wheel_has_only_reason(tmp_path: Path) -> None:
     environment = Environment(tmp_path)
     assert environment.upload(b"bad") == ""
     assert environment.install(b"bad") == "ERROR: no space left on device"
 
 
-def test_an_environment_that_cannot_be_written_is_found_before_the_node_is_stopped(
+def test_unwritable_environment_is_found_before_node_stops(
     environment: Environment,
 ) -> None:
     site = environment.root / "site"

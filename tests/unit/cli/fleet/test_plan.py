@@ -65,7 +65,7 @@ def test_the_next_step_follows_from_what_is_there(
         (Wanted(FleetGoal.DOWN), RUNS, (Step.STOP,), SwarmError),
     ],
 )
-def test_a_goal_out_of_reach_is_refused_and_no_step_is_done_twice(
+def test_unreachable_goal_is_refused_and_steps_run_once(
     wanted: Wanted, seen: HostStatus, done: tuple[Step, ...], error: type[SwarmError]
 ) -> None:
     with pytest.raises(error):
@@ -104,7 +104,7 @@ def test_an_interrupted_command_ends_as_an_uninterrupted_one(
     assert second == ends(begin, 10)
 
 
-def test_a_host_is_described_by_what_its_operator_must_do() -> None:
+def test_host_is_described_by_operators_next_action() -> None:
     assert [state_text(one) for one in (None, ABSENT, BARE, READY, HALF, SILENT, RUNS)] == [
         "failed", "not installed", "not configured", "stopped", "being upgraded", "silent", "running",
     ]  # fmt: skip

@@ -120,13 +120,13 @@ def test_nodes_are_upgraded_one_after_the_other(fleet: Fleet) -> None:
     )
 
 
-def test_a_wave_has_no_more_nodes_than_were_asked_for(fleet: Fleet) -> None:
+def test_wave_has_no_more_nodes_than_requested(fleet: Fleet) -> None:
     upgraded(2).check(3)
     assert fleet.stopped_at_once <= 2
     assert all(fleet.runs.values())
 
 
-def test_the_first_failure_stops_the_upgrade_and_a_repeated_one_continues(fleet: Fleet) -> None:
+def test_first_failure_stops_upgrade_and_repeated_one_continues(fleet: Fleet) -> None:
     fleet.errors["uav2", "stop"] = Conflict("uav2: mission formation running")
     run = upgraded()
     with pytest.raises(Partial):
@@ -152,7 +152,7 @@ def test_with_keep_going_the_others_are_upgraded(fleet: Fleet) -> None:
     assert fleet.wheels == {"uav1": "old", "uav2": "new", "uav3": "new"}
 
 
-def test_a_node_whose_installation_fails_runs_again_with_its_former_version(fleet: Fleet) -> None:
+def test_failed_installation_restarts_node_with_former_version(fleet: Fleet) -> None:
     fleet.errors["uav1", "install"] = SwarmError("no space left")
     run = upgraded()
     assert "the node runs again with old" in run.outcomes["uav1"].error
@@ -160,7 +160,7 @@ def test_a_node_whose_installation_fails_runs_again_with_its_former_version(flee
     assert not fleet.resume["uav1"]
 
 
-def test_a_node_that_was_stopped_and_lost_its_connection_is_started_by_the_next_call(fleet: Fleet) -> None:
+def test_stopped_node_is_started_by_next_call(fleet: Fleet) -> None:
     fleet.errors["uav1", "install"] = NoAnswer("connection lost")
     upgraded()
     assert (fleet.runs["uav1"], fleet.resume["uav1"]) == (False, True)
@@ -184,7 +184,7 @@ def running_node(folder: Path, monkeypatch: pytest.MonkeyPatch, mission: Mission
     push(folder, content(folder))
 
 
-def test_a_node_with_a_mission_is_not_stopped_unless_forced(
+def test_node_with_mission_is_not_stopped_unless_forced(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     flying = MissionState(7, "00ab12cd", MissionPhase.RUNNING, mission="formation")
@@ -217,7 +217,7 @@ def under_systemd(folder: Path, verb: Any, unit: str = "swarm.target", **more: A
     return msgspec.structs.replace(order(folder, verb, **more), supervisor="systemd", unit=unit)
 
 
-def test_under_systemd_the_units_are_enabled_started_and_stopped(
+def test_under_systemd_units_are_enabled_started_and_stopped(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     calls = systemctl(tmp_path, monkeypatch)
@@ -237,7 +237,7 @@ def test_under_systemd_the_units_are_enabled_started_and_stopped(
 
 
 @pytest.mark.parametrize("runs", [False, True])
-def test_a_host_with_a_version_without_fleet_is_absent_and_refused_while_its_node_runs(
+def test_host_of_version_without_fleet_is_absent(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, runs: bool
 ) -> None:
     prefix = tmp_path / "opt"

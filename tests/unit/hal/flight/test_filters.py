@@ -29,7 +29,7 @@ def fed(found: AttitudeFilter, imu: Imu, count: int, *, landed: bool = False, ac
         found.update(imu, DT_S, landed=landed, accelerates_m_s2=accel)
 
 
-def test_the_first_sample_gives_the_attitude_of_a_vehicle_on_a_slope() -> None:
+def test_first_sample_gives_attitude_of_vehicle_on_slope() -> None:
     found = AttitudeFilter()
     fed(found, at(0.1, -0.2, 1.0), 1, landed=True)
     assert found.angles_rad() == pytest.approx((0.1, -0.2, 1.0))
@@ -46,7 +46,7 @@ def test_a_turn_is_integrated_from_the_gyro() -> None:
     assert still.yaw_rad == 0.0
 
 
-def test_an_error_of_the_attitude_decays_slowly_in_flight_and_fast_on_the_ground() -> None:
+def test_attitude_error_decays_slowly_in_flight() -> None:
     for landed, left in ((False, math.exp(-0.2)), (True, math.exp(-2.0))):
         found = AttitudeFilter()
         fed(found, at(0.1, 0.0), 1, landed=landed)
@@ -63,7 +63,7 @@ def test_while_it_accelerates_the_accelerometer_is_not_believed(force_m_s2: floa
     assert found.angles_rad()[:2] == pytest.approx((0.0, 0.0), abs=1e-9)
 
 
-def test_the_bias_of_the_gyro_is_learnt_and_bounded() -> None:
+def test_bias_of_gyro_is_learnt_and_bounded() -> None:
     found = AttitudeFilter()
     fed(found, at(0.0, 0.0, wx=0.02), 40_000)
     assert found.rates_rad_s[0] == pytest.approx(0.0, abs=0.002)
@@ -73,7 +73,7 @@ def test_the_bias_of_the_gyro_is_learnt_and_bounded() -> None:
     assert stuck.rates_rad_s[0] >= 4.9 - 1e-9
 
 
-def test_the_heading_follows_the_compass_over_north_and_south() -> None:
+def test_heading_follows_compass_over_north_and_south() -> None:
     found = AttitudeFilter()
     fed(found, at(0.0, 0.0, 3.1), 1)
     fed(found, at(0.0, 0.0, -3.1), 2000)
@@ -84,7 +84,7 @@ def fix(x_m: float, y_m: float, z_m: float) -> GnssFix:
     return GnssFix(*LocalMap(ORIGIN).to_wgs84(x_m, y_m, z_m), 0.03, 12)
 
 
-def test_velocity_comes_from_accelerations_at_once_and_from_fixes_over_time() -> None:
+def test_velocity_follows_accelerations_then_fixes() -> None:
     chance = random.Random(1)
     motion = MotionFilter()
     motion.on_fix(fix(0.0, 0.0, 0.0), 0, 0)
@@ -102,7 +102,7 @@ def test_velocity_comes_from_accelerations_at_once_and_from_fixes_over_time() ->
     assert motion.position_m[0] == pytest.approx(10.5, abs=0.1)
 
 
-def test_a_fix_that_is_late_is_taken_with_the_way_since() -> None:
+def test_late_fix_is_taken_with_way_since() -> None:
     motion = MotionFilter()
     motion.on_fix(fix(0.0, 0.0, 0.0), 0, 0)
     for tick in range(1, 400):
@@ -112,7 +112,7 @@ def test_a_fix_that_is_late_is_taken_with_the_way_since() -> None:
     assert motion.position_m[0] == pytest.approx(2.0 * 39.9, abs=0.1)
 
 
-def test_a_fix_is_taken_once_and_an_older_one_never() -> None:
+def test_fix_is_taken_once_and_older_one_never() -> None:
     motion = MotionFilter()
     motion.on_fix(fix(0.0, 0.0, 0.0), 10, 10)
     motion.on_fix(fix(1.0, 0.0, 0.0), 20, 20)
@@ -122,7 +122,7 @@ def test_a_fix_is_taken_once_and_an_older_one_never() -> None:
     assert motion.position_m == once
 
 
-def test_before_the_first_fix_nothing_moves_and_heights_are_ignored() -> None:
+def test_nothing_moves_before_first_fix() -> None:
     motion = MotionFilter()
     motion.on_height(3.0)
     motion.predict((5.0, 5.0, 5.0), DT_S, landed=False)
@@ -138,7 +138,7 @@ def test_a_landed_vehicle_stands_still() -> None:
     assert motion.velocity_m_s == (0.0, 0.0, 0.0)
 
 
-def test_the_sonar_corrects_the_height_but_a_box_below_does_not() -> None:
+def test_sonar_corrects_height_but_box_below_does_not() -> None:
     motion = MotionFilter()
     motion.on_fix(fix(0.0, 0.0, 0.0), 0, 0)
     for _ in range(200):
@@ -150,7 +150,7 @@ def test_the_sonar_corrects_the_height_but_a_box_below_does_not() -> None:
     assert motion.position_m[2] == pytest.approx(0.2, abs=0.02)
 
 
-def test_the_mean_of_samples_carries_the_attitude_and_begins_again() -> None:
+def test_mean_of_samples_carries_attitude_and_begins_again() -> None:
     means = ImuMean()
     assert means.take(0.0, 0.0) is None
     means.add(Imu(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 0.1))

@@ -57,7 +57,7 @@ def throttle(outputs: ActuatorOutputs) -> float:
     return outputs.motors[0]
 
 
-def test_in_cruise_throttle_and_elevator_are_those_of_the_trim() -> None:
+def test_cruise_throttle_and_elevator_are_trim() -> None:
     outputs = fly()
     assert throttle(outputs) == pytest.approx(LIMITS.throttle_cruise_ratio)
     assert aileron(outputs) == 0.0
@@ -80,7 +80,7 @@ def test_it_banks_towards_the_commanded_course(wanted: Setpoint, right: bool) ->
     assert (aileron(fly(wanted)) < -0.05) is not right
 
 
-def test_it_does_not_bank_beyond_its_maximum_and_less_when_slow() -> None:
+def test_bank_is_limited_and_smaller_when_slow() -> None:
     steep = Setpoint(0.01 - CRUISE, 0.5)
     held = fly(steep, roll=-LIMITS.bank_max_rad)
     assert abs(aileron(held)) < 0.01
@@ -88,12 +88,12 @@ def test_it_does_not_bank_beyond_its_maximum_and_less_when_slow() -> None:
     assert aileron(slow) > 0.03, "a bank of the maximum would stall it: it rolls back"
 
 
-def test_the_bank_of_the_loiter_is_that_of_its_radius() -> None:
+def test_bank_of_loiter_is_that_of_its_radius() -> None:
     bank = math.atan(CRUISE**2 / (9.80665 * LIMITS.loiter_radius_m))
     assert abs(aileron(fly(Setpoint(0.0), roll=-bank))) < 0.01
 
 
-def test_too_slow_opens_the_throttle_and_too_fast_closes_it() -> None:
+def test_throttle_opens_when_slow_closes_when_fast() -> None:
     assert throttle(fly(speed=CRUISE - 2)) > throttle(fly()) > throttle(fly(speed=CRUISE + 2))
     assert throttle(fly(Setpoint(100.0))) == throttle(fly(Setpoint(LIMITS.airspeed_max_m_s)))
     assert throttle(fly(Setpoint(1.0))) == throttle(fly(Setpoint(LIMITS.airspeed_min_m_s)))
@@ -105,7 +105,7 @@ def test_a_climb_raises_the_nose_and_adds_throttle() -> None:
     assert throttle(up) > throttle(level) > throttle(down)
 
 
-def test_near_the_stall_the_nose_goes_down_although_a_climb_is_commanded() -> None:
+def test_nose_drops_near_stall_despite_climb() -> None:
     climbing = Setpoint(CRUISE, 0.0, 3.0)
     nose_up = -0.2
     fast = elevator(fly(climbing, pitch=nose_up))
@@ -129,7 +129,7 @@ def test_deflections_shrink_with_the_square_of_the_airspeed() -> None:
     assert slow / fast == pytest.approx((28.0 / CRUISE) ** 2)
 
 
-def test_on_the_ground_it_is_launched_by_a_commanded_climb_only() -> None:
+def test_grounded_aircraft_launches_by_commanded_climb_only() -> None:
     assert fly(Setpoint(CRUISE), speed=0.0, landed=True).motors == (0.0,)
     assert fly(Setpoint(0.0, 0.0, 1.0), speed=0.0, landed=True).motors == (1.0,)
 
@@ -141,7 +141,7 @@ def test_near_the_ground_the_wings_stay_level(climb: float, height: float) -> No
     assert aileron(fly(hard_left, height=50.0, roll=-0.1)) < -0.1
 
 
-def test_the_flare_closes_the_throttle_and_raises_the_nose() -> None:
+def test_flare_closes_throttle_and_raises_nose() -> None:
     sinking = Setpoint(CRUISE, 0.0, -2.0)
     above, below = (fly(sinking, climb=-2.0, height=h) for h in (LIMITS.flare_m + 1, LIMITS.flare_m - 1))
     assert throttle(above) > 0.0 and throttle(below) == 0.0
@@ -156,7 +156,7 @@ def test_outputs_stay_within_their_ranges_in_any_state() -> None:
             assert all(-1.0 <= value <= 1.0 for value in found.servos)
 
 
-def test_gains_change_in_flight_and_those_of_other_airframes_are_refused() -> None:
+def test_gains_change_and_foreign_ones_are_refused() -> None:
     controller = FixedWingController(AIRFRAME)
     controller.set_gains({"roll_kp": 2.5})
     assert controller.gains["roll_kp"] == 2.5

@@ -80,7 +80,7 @@ async def test_each_inertial_sample_is_answered_by_outputs_once(tmp_path: Path) 
         assert driver.carried == [ChassisAction.ARM]
 
 
-async def test_the_set_point_that_control_lets_through_lifts_it(tmp_path: Path) -> None:
+async def test_set_point_that_control_lets_through_lifts_it(tmp_path: Path) -> None:
     async with bench(tmp_path) as (driver, module, other):
         imu, drives = other.writer(IMU, Imu), other.writer("act/drive", Drive)
         fixes, heights = other.writer("sensor/gnss", GnssFix), other.writer("sensor/height", Float)
@@ -94,7 +94,7 @@ async def test_the_set_point_that_control_lets_through_lifts_it(tmp_path: Path) 
         assert thrust_n > airframe().hover_thrust_n
 
 
-async def test_the_period_is_that_of_control_and_longer_at_rest(tmp_path: Path) -> None:
+async def test_control_period_is_longer_at_rest(tmp_path: Path) -> None:
     async with bench(tmp_path, rest_hz=5.0) as (driver, module, _):
         assert driver.period_s == 0.01
         driver.report_as(armed=False)
@@ -105,7 +105,7 @@ async def test_the_period_is_that_of_control_and_longer_at_rest(tmp_path: Path) 
         assert driver.period_s == 0.01
 
 
-async def test_others_get_the_mean_of_the_samples_at_their_rate_with_the_attitude(tmp_path: Path) -> None:
+async def test_subscribers_get_mean_samples_with_attitude(tmp_path: Path) -> None:
     async with bench(tmp_path) as (driver, module, other):
         imu, mean = other.writer(IMU, Imu), other.reader("sensor/imu", Imu)
         driver.report_as(armed=True)
@@ -122,7 +122,7 @@ async def test_others_get_the_mean_of_the_samples_at_their_rate_with_the_attitud
         assert found[-1].az_m_s2 == pytest.approx(GRAVITY_M_S2)
 
 
-async def test_gains_are_those_of_the_own_controllers_and_need_no_device(tmp_path: Path) -> None:
+async def test_gains_of_own_controllers_need_no_device(tmp_path: Path) -> None:
     async with bench(tmp_path) as (driver, _, _):
         driver.report_as(armed=True, landed=False)
         state = await driver.execute(ChassisAction.GAINS, {"rate_kp_1_s": 9.5})
@@ -132,7 +132,7 @@ async def test_gains_are_those_of_the_own_controllers_and_need_no_device(tmp_pat
         assert driver.carried == []
 
 
-async def test_an_armed_vehicle_without_inertial_samples_is_in_fail_safe(tmp_path: Path) -> None:
+async def test_armed_vehicle_without_inertial_samples_is_fail_safe(tmp_path: Path) -> None:
     async with bench(tmp_path) as (driver, module, other):
         imu = other.writer(IMU, Imu)
         imu.write(STILL)
@@ -145,7 +145,7 @@ async def test_an_armed_vehicle_without_inertial_samples_is_in_fail_safe(tmp_pat
         assert driver.failsafe(now_ns + 300 * MS) == ""
 
 
-def test_with_an_airframe_the_simulated_chassis_is_the_flight_controller() -> None:
+def test_chassis_with_airframe_is_flight_controller() -> None:
     names = {device.name: device for device in make(Config(), Site(PlatformKind.UAV, "", airframe()))}
     assert names.keys() == {"sim.gnss", "sim.range", "sim.battery", "sim.sonar", "sim.flight"}
     assert names["sim.flight"].period_s == 0.01
@@ -153,7 +153,7 @@ def test_with_an_airframe_the_simulated_chassis_is_the_flight_controller() -> No
     assert level == {"sim.gnss", "sim.imu", "sim.range", "sim.battery", "sim.sonar", "sim.chassis"}
 
 
-async def test_an_error_of_the_flight_is_recorded_with_what_the_vehicle_did(tmp_path: Path) -> None:
+async def test_flight_error_is_recorded_with_vehicle_action(tmp_path: Path) -> None:
     async with bench(tmp_path) as (driver, module, other):
         imu, records = other.writer(IMU, Imu), other.stream_reader("vehicle/flight_record", FlightRecord)
         driver.report_as(armed=True, landed=False)

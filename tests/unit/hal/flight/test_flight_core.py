@@ -31,7 +31,7 @@ def test_each_inertial_sample_is_one_control_step() -> None:
     assert flight.step(22 * MS) is not None
 
 
-def test_a_disarmed_vehicle_gets_no_outputs_and_an_armed_one_on_the_ground_idles() -> None:
+def test_disarmed_vehicle_is_silent_and_armed_idles() -> None:
     flight = core()
     flight.on_setpoint(Setpoint(0.0, 0.0, 1.0))
     assert flight.step(10 * MS) == ActuatorOutputs()
@@ -51,7 +51,7 @@ def test_without_inertial_samples_nothing_is_commanded() -> None:
     assert flight.step(211 * MS) is None
 
 
-def test_a_vehicle_that_was_disarmed_forgets_what_its_loops_had_learnt() -> None:
+def test_disarmed_vehicle_forgets_learnt_loop_state() -> None:
     flight = core()
     flight.on_gnss(GnssFix(48.0, 11.0, 500.0, 0.03, 12), 5 * MS, 10 * MS)
     flight.on_setpoint(Setpoint(0.0, 0.0, 2.0))
@@ -71,7 +71,7 @@ def test_a_vehicle_that_was_disarmed_forgets_what_its_loops_had_learnt() -> None
     assert abs(first.motors[0] - again.motors[0]) < 0.02
 
 
-def test_the_mean_of_the_samples_is_taken_with_the_attitude() -> None:
+def test_mean_of_samples_is_taken_with_attitude() -> None:
     flight = core()
     flight.on_imu(Imu(0.2, 0.0, 0.0, 0.0, 0.0, GRAVITY_M_S2, 0.0), 20 * MS)
     mean = flight.take_imu()
@@ -92,7 +92,7 @@ def flying() -> FlightCore:
     return flight
 
 
-def test_what_happened_in_a_gap_is_computed_from_the_samples_at_its_ends() -> None:
+def test_gap_is_computed_from_samples_at_ends() -> None:
     flight = flying()
     after = msgspec.structs.replace(STILL, wx_rad_s=0.8)
     flight.on_imu(after, 600 * MS)
@@ -102,7 +102,7 @@ def test_what_happened_in_a_gap_is_computed_from_the_samples_at_its_ends() -> No
     assert not flight.lost
 
 
-def test_a_vehicle_whose_motors_have_stopped_turns_on_with_its_last_rate() -> None:
+def test_vehicle_with_stopped_motors_keeps_its_rate() -> None:
     flight = flying()
     falling = Imu(0.4, 0.0, 0.0, 0.0, 0.0, 0.5, 0.0)
     flight.on_imu(falling, 1600 * MS)
@@ -122,9 +122,7 @@ def test_a_vehicle_whose_motors_have_stopped_turns_on_with_its_last_rate() -> No
         (STILL, 900, ""),
     ],
 )
-def test_a_flight_whose_motors_have_stopped_is_continued_only_where_that_is_safe(
-    after: Imu, gap_ms: int, reason: str
-) -> None:
+def test_flight_with_stopped_motors_continues_only_safely(after: Imu, gap_ms: int, reason: str) -> None:
     flight = flying()
     flight.on_imu(after, (100 + gap_ms) * MS)
     outputs = flight.step((100 + gap_ms) * MS)
@@ -135,7 +133,7 @@ def test_a_flight_whose_motors_have_stopped_is_continued_only_where_that_is_safe
     assert not flight.lost
 
 
-def test_how_long_outputs_are_held_is_that_of_the_airframe() -> None:
+def test_output_hold_time_is_set_by_airframe() -> None:
     flight = FlightCore(MultirotorController(airframe()), FlightTiming(0.01, 0.3))
     flight.on_imu(STILL, 10 * MS)
     flight.on_vehicle(armed=True, landed=False)
@@ -143,7 +141,7 @@ def test_how_long_outputs_are_held_is_that_of_the_airframe() -> None:
     assert "does not fall" in flight.lost
 
 
-def test_after_unexpected_contact_it_stays_on_the_ground_until_it_is_disarmed() -> None:
+def test_vehicle_stays_grounded_after_unexpected_contact() -> None:
     flight = flying()
     flight.on_setpoint(Setpoint(0.0, 0.0, 1.0))
     for tick in range(11, 130):
@@ -164,7 +162,7 @@ def test_after_unexpected_contact_it_stays_on_the_ground_until_it_is_disarmed() 
     assert motors(1330) > IDLE
 
 
-def test_the_flight_of_another_process_is_continued_with_its_attitude_and_motion() -> None:
+def test_flight_of_another_process_continues_with_motion() -> None:
     flight = FlightCore(MultirotorController(airframe()))
     handover = FlightHandover(
         msgspec.structs.replace(STILL, roll_rad=0.2, pitch_rad=-0.1), 100 * MS, 5.0, (1.0, 2.0, 0.0)

@@ -17,7 +17,7 @@ def flown(recorder: FlightRecorder, first_ms: int, last_ms: int) -> None:
         recorder.on_step(row(ms))
 
 
-def test_a_fault_is_recorded_with_the_seconds_before_and_after_it() -> None:
+def test_fault_is_recorded_with_surrounding_seconds() -> None:
     recorder = FlightRecorder()
     flown(recorder, 0, 10_000)
     recorder.on_fault("flight/loop away", 10_000 * MS)

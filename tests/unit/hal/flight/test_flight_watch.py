@@ -54,15 +54,13 @@ def test_all_checks_exist_from_the_start() -> None:
         (1.4, [("flight/loop", "away", "error")]),
     ],
 )
-def test_a_gap_is_a_fault_from_five_periods_and_an_error_from_half_a_second(
-    gap_s: float, expected: list[tuple[str, str, str]]
-) -> None:
+def test_gap_is_fault_then_error_by_length(gap_s: float, expected: list[tuple[str, str, str]]) -> None:
     flight = Watched()
     flight.step(gap_s)
     assert flight.changed() == expected
 
 
-def test_the_freeze_frame_says_how_long_it_was_away_and_where_the_vehicle_was() -> None:
+def test_freeze_frame_has_duration_and_position() -> None:
     flight = Watched()
     flight.step(1.2, roll_rad=0.2)
     (found,) = flight.watch.conditions(flight.now_ns)
@@ -72,7 +70,7 @@ def test_the_freeze_frame_says_how_long_it_was_away_and_where_the_vehicle_was() 
     )
 
 
-def test_a_loop_of_three_hertz_is_starved_although_no_gap_is_long() -> None:
+def test_loop_of_three_hertz_is_starved() -> None:
     flight = Watched()
     for _ in range(3):
         flight.step(0.33)
@@ -81,7 +79,7 @@ def test_a_loop_of_three_hertz_is_starved_although_no_gap_is_long() -> None:
     assert flight.changed() == [("flight/loop", "starved", "error")]
 
 
-def test_a_fault_is_stated_for_three_seconds_after_its_cause_and_a_lesser_one_does_not_replace_it() -> None:
+def test_fault_lasts_three_seconds_unless_greater_follows() -> None:
     flight = Watched()
     flight.step(0.6)
     flight.changed()
@@ -106,23 +104,21 @@ def test_a_tilt_beyond_the_limit_is_a_fault() -> None:
 @pytest.mark.parametrize(
     ("climb_m_s", "touched"), [(0.0, True), (0.5, True), (-0.04, True), (-0.3, False), (-1.0, False)]
 )
-def test_the_ground_is_touched_unexpectedly_unless_a_descent_is_commanded(
-    climb_m_s: float, touched: bool
-) -> None:
+def test_ground_is_touched_unexpectedly_unless_descent_is_commanded(climb_m_s: float, touched: bool) -> None:
     flight = Watched()
     assert flight.step(climb_m_s=climb_m_s, landed=True) is touched
     assert flight.changed() == ([("flight/contact", "touched", "error")] if touched else [])
     assert not flight.step(climb_m_s=climb_m_s, landed=True), "it is said once"
 
 
-def test_a_take_off_that_touches_the_ground_again_is_none() -> None:
+def test_take_off_that_touches_ground_is_cancelled() -> None:
     watch = FlightWatch(0.01, 0.7, 1.0)
     state = FlightState(0.0, 0.0, 0.0, NONE, NONE, NONE)
     for ms, landed in ((0, True), (10, False), (20, False), (30, True)):
         assert not watch.on_step(FlightStep(state, 0.01, 1.0, landed), ms * MS)
 
 
-def test_gaps_on_the_ground_and_before_a_flight_do_not_count() -> None:
+def test_gaps_on_ground_do_not_count() -> None:
     flight = Watched()
     flight.step(climb_m_s=-1.0, landed=True)
     flight.step(2.0, landed=True)
@@ -131,7 +127,7 @@ def test_gaps_on_the_ground_and_before_a_flight_do_not_count() -> None:
     assert flight.changed() == []
 
 
-def test_a_flight_that_was_taken_over_begins_with_its_gap() -> None:
+def test_adopted_flight_begins_with_its_gap() -> None:
     watch = FlightWatch(0.01, 0.7, 1.0)
     watch.conditions(0)
     watch.on_handover(0)

@@ -41,7 +41,7 @@ def servos(
     return HelicopterController(AIRFRAME).update(wanted, state, landed=False, dt_s=DT).servos
 
 
-def test_level_and_at_rest_the_rotor_carries_the_weight_and_nothing_turns() -> None:
+def test_level_rotor_carries_weight_without_turning() -> None:
     lateral, longitudinal, collective, pedal = servos()
     assert collective == pytest.approx(AIRFRAME.collective(AIRFRAME.body.mass_kg * GRAVITY_M_S2))
     assert (lateral, longitudinal) == pytest.approx((0.0, 0.0))
@@ -72,7 +72,7 @@ def test_servos_act_against_errors_about_their_own_axis(
     assert low < servos()[servo] < high
 
 
-def test_a_roll_is_commanded_without_a_pitch_although_the_disc_couples_them() -> None:
+def test_commanded_roll_causes_no_pitch() -> None:
     """Both controls move, so that the disc, once settled, tilts to the side only."""
     of = AIRFRAME.derivatives
     lateral, longitudinal, *_ = servos(roll=-0.1)
@@ -85,12 +85,12 @@ def test_a_roll_is_commanded_without_a_pitch_although_the_disc_couples_them() ->
     assert abs(a) < 0.2 * abs(b)
 
 
-def test_in_a_climb_the_collective_is_above_that_of_hover_and_bounded() -> None:
+def test_climb_collective_exceeds_hover_and_is_bounded() -> None:
     assert servos()[2] < servos(UP)[2] <= 1.0
     assert servos(Setpoint(0.0, 0.0, 50.0), velocity=(0.0, 0.0, -30.0))[2] <= 1.0
 
 
-def test_on_the_ground_the_rotor_turns_flat_until_a_climb_is_commanded() -> None:
+def test_grounded_rotor_turns_flat_until_climb() -> None:
     controller = HelicopterController(AIRFRAME)
     ground = FlightState(0.0, 0.0, 0.0, STILL, STILL, STILL)
     waiting = controller.update(Setpoint(3.0), ground, landed=True, dt_s=DT)
@@ -105,7 +105,7 @@ def test_outputs_stay_within_the_servos_in_any_state() -> None:
             assert all(-1.0 <= value <= 1.0 and math.isfinite(value) for value in found)
 
 
-def test_gains_change_in_flight_and_unknown_ones_are_refused() -> None:
+def test_gains_change_in_flight_and_unknown_are_refused() -> None:
     controller = HelicopterController(AIRFRAME)
     controller.set_gains({"attitude_kp_1_s": 2.0})
     assert controller.gains["attitude_kp_1_s"] == 2.0

@@ -17,21 +17,21 @@ GAINS, LIMITS = FRAME.gains, FRAME.limits
 DT_S = 0.01
 
 
-def test_a_body_that_turns_too_slowly_is_turned_by_its_inertia_times_the_gain() -> None:
+def test_slow_body_is_turned_by_inertia_times_gain() -> None:
     loop = RateLoop((0.02, 0.03, 0.05))
     moment = loop.moment_n_m(GAINS, (0.1, 0.0, -0.1), (0.0, 0.0, 0.0), DT_S, learns=False)
     kp, yaw_kp = GAINS.rate_kp_1_s, GAINS.yaw_rate_kp_1_s
     assert moment == pytest.approx((0.02 * kp * 0.1, 0.0, -0.05 * yaw_kp * 0.1))
 
 
-def test_the_gyroscopic_moment_of_a_turning_body_is_compensated() -> None:
+def test_gyroscopic_moment_of_turning_body_is_compensated() -> None:
     loop = RateLoop((0.02, 0.03, 0.05))
     rates = (1.0, 2.0, 0.0)
     moment = loop.moment_n_m(GAINS, rates, rates, DT_S, learns=False)
     assert moment == pytest.approx((0.0, 0.0, (0.03 - 0.02) * 1.0 * 2.0))
 
 
-def test_the_rate_integral_grows_only_while_the_motors_follow_and_is_bounded() -> None:
+def test_rate_integral_grows_with_motors_and_is_bounded() -> None:
     loop = RateLoop((1.0, 1.0, 1.0))
     wanted, still = (0.1, 0.0, 0.0), (0.0, 0.0, 0.0)
     first = loop.moment_n_m(GAINS, wanted, still, DT_S, learns=False)[0]
@@ -45,12 +45,12 @@ def test_the_rate_integral_grows_only_while_the_motors_follow_and_is_bounded() -
     assert loop.moment_n_m(GAINS, wanted, still, DT_S, learns=False)[0] == first
 
 
-def test_a_tilted_vehicle_turns_back_no_faster_than_its_limit() -> None:
+def test_tilted_vehicle_returns_within_rate_limit() -> None:
     assert body_rates(state(0.1, -0.1), 0.0, 0.0, 0.0, 4.0, 3.0)[:2] == pytest.approx((-0.4, 0.4), abs=0.02)
     assert body_rates(state(-2.0), 0.0, 0.0, 0.0, 4.0, 3.0)[0] == 3.0
 
 
-def test_a_turn_about_the_vertical_is_a_turn_about_all_axes_of_a_tilted_body() -> None:
+def test_vertical_turn_uses_all_axes_when_tilted() -> None:
     # Euler angles that stay constant in a turn: rates = (-sin θ, sin φ cos θ, cos φ cos θ) ψ'
     roll, pitch, turn = 0.3, 0.2, 0.5
     rates = body_rates(state(roll, pitch), roll, pitch, turn, 4.0, 3.0)
@@ -64,7 +64,7 @@ def test_a_turn_about_the_vertical_is_a_turn_about_all_axes_of_a_tilted_body() -
     ("wanted", "roll_sign", "pitch_sign"), [((1.0, 0.0), 0, 1), ((-1.0, 0.0), 0, -1), ((0.0, 1.0), -1, 0)]
 )
 @pytest.mark.parametrize("yaw_rad", [0.0, 1.0, 3.0, -2.0])
-def test_forward_lowers_the_nose_and_left_the_left_side_whatever_the_heading(
+def test_velocity_command_tilts_towards_it_at_any_heading(
     wanted: tuple[float, float], roll_sign: int, pitch_sign: int, yaw_rad: float
 ) -> None:
     roll, pitch = VelocityLoop().tilt_rad(GAINS, LIMITS, wanted, state(yaw_rad=yaw_rad), DT_S)
@@ -72,7 +72,7 @@ def test_forward_lowers_the_nose_and_left_the_left_side_whatever_the_heading(
     assert (roll, pitch) == pytest.approx((roll_sign * tilt, pitch_sign * tilt), abs=0.01)
 
 
-def test_no_velocity_error_tilts_the_vehicle_beyond_the_limit_or_winds_the_integral_up() -> None:
+def test_velocity_error_never_exceeds_tilt_or_winds_up() -> None:
     loop = VelocityLoop()
     far = state(velocity=(-50.0, 0.0, 0.0))
     for _ in range(1000):
@@ -81,7 +81,7 @@ def test_no_velocity_error_tilts_the_vehicle_beyond_the_limit_or_winds_the_integ
     assert loop.tilt_rad(GAINS, LIMITS, (0.0, 0.0), state(), DT_S) == pytest.approx((0.0, 0.0), abs=1e-6)
 
 
-def test_the_tilt_against_a_steady_wind_stays_to_the_same_side_when_the_vehicle_turns() -> None:
+def test_wind_tilt_keeps_its_side_while_turning() -> None:
     loop = VelocityLoop()
     drifting = state(velocity=(0.3, 0.0, 0.0))
     for _ in range(300):
@@ -101,7 +101,7 @@ def test_a_vehicle_below_its_commanded_height_climbs() -> None:
     assert low == pytest.approx(GAINS.climb_kp_1_s * GAINS.height_kp_1_s * 0.2, rel=0.02)
 
 
-def test_the_commanded_height_is_never_far_from_that_of_the_vehicle() -> None:
+def test_commanded_height_stays_near_vehicle() -> None:
     loop = ClimbLoop()
     for _ in range(1000):
         loop.acceleration_m_s2(GAINS, LIMITS, 0.0, state(), DT_S)
@@ -116,7 +116,7 @@ def test_climb_and_sink_rates_have_their_own_limits() -> None:
     assert up / -down == pytest.approx(LIMITS.climb_max_m_s / LIMITS.sink_max_m_s, rel=0.02)
 
 
-def test_the_integral_carries_a_weight_that_is_not_configured_and_is_bounded() -> None:
+def test_integral_carries_unconfigured_weight_and_is_bounded() -> None:
     loop = ClimbLoop()
     sinking = state(velocity=(0.0, 0.0, -0.2))
     first = loop.acceleration_m_s2(GAINS, LIMITS, 0.0, sinking, DT_S)
@@ -125,7 +125,7 @@ def test_the_integral_carries_a_weight_that_is_not_configured_and_is_bounded() -
     assert last - first == pytest.approx(3.0, abs=0.05)
 
 
-def test_gains_are_softened_for_outputs_that_are_held_between_the_steps() -> None:
+def test_gains_are_softened_for_held_outputs() -> None:
     gains = GAINS
     assert softened(gains, 0.0) is gains
     assert softened(gains, 0.05) == gains, "a loop of 20 Hz is fast enough"
@@ -137,7 +137,7 @@ def test_gains_are_softened_for_outputs_that_are_held_between_the_steps() -> Non
     assert softened(none, 0.4).rate_kp_1_s == 0.0
 
 
-def test_the_integral_of_the_climb_loop_stays_in_a_fall() -> None:
+def test_integral_of_climb_loop_stays_in_fall() -> None:
     gains, limits = GAINS, LIMITS
     loop = ClimbLoop()
     falling = state(velocity=(0.0, 0.0, -5.0))
@@ -147,7 +147,7 @@ def test_the_integral_of_the_climb_loop_stays_in_a_fall() -> None:
     assert last == pytest.approx(first, abs=0.4)
 
 
-def test_after_a_gap_the_commanded_height_is_that_of_the_vehicle() -> None:
+def test_commanded_height_after_gap_is_actual() -> None:
     gains, limits = GAINS, LIMITS
     loop = ClimbLoop()
     loop.acceleration_m_s2(gains, limits, 0.0, state(position=(0.0, 0.0, 5.0)), 0.01)

@@ -35,7 +35,7 @@ def test_small_moments_at_hover_are_produced_exactly(name: str) -> None:
 
 
 @BOTH
-def test_in_hover_all_moments_are_zero_although_the_arms_differ(name: str) -> None:
+def test_hover_moments_are_zero_with_unequal_arms(name: str) -> None:
     frame = airframe(name)
     outputs, _ = Mixer(frame).outputs(frame.hover_thrust_n, (0.0, 0.0, 0.0))
     assert produced(frame, outputs)[1] == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)

@@ -18,7 +18,7 @@ def thrust_n(frame: MultirotorAirframe, motors: tuple[float, ...]) -> float:
 
 
 @BOTH
-def test_on_the_ground_the_rotors_idle_until_a_climb_is_commanded(name: str) -> None:
+def test_grounded_rotors_idle_until_climb_is_commanded(name: str) -> None:
     frame = airframe(name)
     controller = MultirotorController(frame)
     assert controller.update(STOP, state(), landed=True, dt_s=DT_S).motors == (IDLE,) * len(frame.rotors)
@@ -27,13 +27,13 @@ def test_on_the_ground_the_rotors_idle_until_a_climb_is_commanded(name: str) -> 
 
 
 @BOTH
-def test_a_level_vehicle_at_rest_gets_the_thrust_that_carries_it(name: str) -> None:
+def test_level_vehicle_gets_thrust_of_its_weight(name: str) -> None:
     frame = airframe(name)
     motors = MultirotorController(frame).update(STOP, state(), landed=False, dt_s=DT_S).motors
     assert thrust_n(frame, motors) == pytest.approx(frame.hover_thrust_n)
 
 
-def test_a_tilted_vehicle_gets_more_thrust_to_keep_its_height() -> None:
+def test_tilted_vehicle_gets_more_thrust() -> None:
     frame = airframe()
     controller = MultirotorController(frame)
     level = thrust_n(frame, controller.update(STOP, state(), landed=False, dt_s=DT_S).motors)
@@ -41,7 +41,7 @@ def test_a_tilted_vehicle_gets_more_thrust_to_keep_its_height() -> None:
     assert tilted == pytest.approx(level / 0.955, rel=0.01)
 
 
-def test_a_vehicle_that_lost_its_attitude_is_turned_back_with_reserve_of_thrust() -> None:
+def test_overturned_vehicle_is_righted_with_thrust_reserve() -> None:
     frame = airframe()
     motors = MultirotorController(frame).update(UP, state(1.5), landed=False, dt_s=DT_S).motors
     left = [output for output, rotor in zip(motors, frame.rotors, strict=True) if rotor.y_m > 0.0]
@@ -63,7 +63,7 @@ def test_gains_change_in_flight_and_others_stay() -> None:
         ({"attitude_kp_1_s": 2.0, "rate_kp_1_s": -1.0}, "gains: .* >= 0.0 .*rate_kp_1_s"),
     ],
 )
-def test_gains_that_are_unknown_or_out_of_range_change_nothing(gains: dict[str, float], reason: str) -> None:
+def test_unknown_or_excessive_gains_change_nothing(gains: dict[str, float], reason: str) -> None:
     controller = MultirotorController(airframe())
     before = controller.gains
     with pytest.raises(Denied, match=reason):
@@ -71,7 +71,7 @@ def test_gains_that_are_unknown_or_out_of_range_change_nothing(gains: dict[str, 
     assert controller.gains == before
 
 
-def test_the_commanded_acceleration_is_stated_and_forgotten_on_the_ground() -> None:
+def test_commanded_acceleration_is_stated_and_forgotten_on_ground() -> None:
     controller = MultirotorController(airframe())
     controller.update(Setpoint(1.0), state(), landed=False, dt_s=DT_S)
     assert controller.acceleration_m_s2 == pytest.approx(controller.gains["velocity_kp_1_s"], rel=0.02)
