@@ -110,7 +110,13 @@ from swarmware.model.frame import HOPS, Codec, Flag, Frame, FrameKind
 from swarmware.model.names import ANY, application_id, data_id, hardware_id
 from swarmware.transport.delivery.answer import with_lifetime
 from swarmware.transport.delivery.parts import FORGET_NS, HELD_BYTES, PART_BYTES, SPLIT_BYTES, VALUE_LIMIT
-from swarmware.transport.delivery.rate_control import BASE_NS, FALL_NS, LOSS_EXCESS, QUEUE_SHARE, TARGET_NS
+from swarmware.transport.retransmission.rate_control import (
+    BASE_NS,
+    FALL_NS,
+    LOSS_EXCESS,
+    QUEUE_SHARE,
+    TARGET_NS,
+)
 from swarmware.transport.security.seal import REPLAY_WINDOW, GroupKey, Opened, Opener, Sealer
 from swarmware.types.registry import encode
 from swarmware.types.scalar import Text

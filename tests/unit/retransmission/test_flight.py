@@ -83,7 +83,7 @@ def test_lost_items_return_oldest_first_within_window() -> None:
     found.fail(3, 2 * S)
     (again,) = found.repeatable()
     assert again is found.get(0)
-    again.resend(6 * S)
+    found.resend(again, 6 * S)
     assert found.repeatable() == []
     found.acknowledge(0, 7 * S)
     assert found.repeatable() == [found.get(1)]
@@ -99,9 +99,10 @@ def test_item_larger_than_window_is_sent_alone() -> None:
 
 
 def test_round_trip_is_measured_from_single_transmissions() -> None:
-    item = Sent(sent_ns=S)
+    found, item = Flight[int, Sent](WINDOW), Sent(sent_ns=S)
+    found.add(1, item)
     assert item.round_trip_ns(3 * S) == 2 * S
-    item.resend(2 * S)
+    found.resend(item, 2 * S)
     assert item.round_trip_ns(3 * S) is None
 
 
@@ -119,7 +120,7 @@ def test_every_item_arrives_within_the_window(seed: int, policy: RetransmissionP
             under_way.append(number)
         if now_ns >= found.backoff_until_ns:
             for item in found.repeatable():
-                item.resend(now_ns)
+                found.resend(item, now_ns)
                 under_way += [number for number in range(100) if found.get(number) is item]
         assert 1 <= len(under_way) <= policy.window_max
         number = under_way.pop(draw.randrange(len(under_way)))

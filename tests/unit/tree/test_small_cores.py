@@ -1,11 +1,10 @@
-"""Reach, quality, repetitions, timers, and the settings of the service."""
+"""Reach, quality, repetitions, and the settings of the service."""
 
 import pytest
 from tests.unit.tree.neighbours import neighbour
 
 from swarmd.tree.config import Config
 from swarmd.tree.core.structure.index import leaf
-from swarmd.tree.core.timers import Timers
 from swarmd.tree.core.tree import Reachability, reachable
 from swarmd.tree.core.values.quality import quality
 from swarmware.errors import ConfigError
@@ -92,23 +91,6 @@ def test_board_sent_rarely_is_stale_later(
     pose = Resource(path="nav/pose", type="Pose", rate_hz=10.0, max_age_s=max_age_s)
     found = quality(leaf(pose), age_s, reachable=True, known=True, mirrored=True, interval_s=interval_s)
     assert found == expected
-
-
-def test_timers_fire_once_in_order() -> None:
-    timers: Timers[str] = Timers()
-    assert timers.next_ns() is None
-    timers.set("a", 30)
-    timers.set("b", 10)
-    timers.set("c", 20)
-    timers.set("a", 5)
-    timers.drop("c")
-    assert timers.next_ns() == 5
-    assert timers.pop(4) is None
-    assert [timers.pop(50) for _ in range(3)] == ["a", "b", None]
-    timers.set("a", 7)
-    timers.set("a", 9)
-    timers.set("a", 7)
-    assert (timers.pop(8), timers.pop(50)) == ("a", None)
 
 
 def test_rules_of_configuration_are_rules_on_wire() -> None:

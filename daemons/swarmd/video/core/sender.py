@@ -12,7 +12,7 @@ from swarmd.video.core.rtcp import Bye, KeyFrameRequest, PacketArrivals, Receive
 from swarmd.video.core.rtp_packet import RtpPacket
 from swarmd.video.core.session_counters import SessionCounters
 from swarmware.transport.delivery.bitrate_control import BitrateControl
-from swarmware.transport.delivery.rate_control import RateControl
+from swarmware.transport.retransmission.rate_control import RateControl
 
 REPORT_NS: Final = 1_000_000_000
 """Period of sender reports, from which receivers make the round trip measurable."""

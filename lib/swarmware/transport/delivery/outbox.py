@@ -1,22 +1,23 @@
 """The sender's side: pending messages and requests, their retransmissions and time-outs."""
 
-import heapq
-from itertools import count
 from typing import Final
 
 import msgspec
 
 from swarmware.model.frame import Flag, Frame, FrameKind
+from swarmware.runtime.timers import Timers
 from swarmware.transport.delivery.outcome import FULL, Outcome, Status
-from swarmware.transport.delivery.rtt import RetransmitLimits, RttEstimator
+from swarmware.transport.retransmission.flight import Flight, Sent
+from swarmware.transport.retransmission.policy import RetransmissionPolicy
+from swarmware.transport.retransmission.rtt import RttEstimator
 from swarmware.types.rpc import Ack
 
 Key = tuple[int, int, int]
 """Application, data id, sequence: the fields of a question that its answer repeats."""
 
-LOCAL: Final = RetransmitLimits(initial_ns=50_000_000, min_ns=50_000_000, max_ns=400_000_000)
+LOCAL: Final = RetransmissionPolicy(initial_ns=50_000_000, min_ns=50_000_000, max_ns=400_000_000)
 """Inside a platform a message is lost only with its receiver, or waits for a full inbox."""
-REMOTE: Final = RetransmitLimits(initial_ns=300_000_000, min_ns=100_000_000, max_ns=2_400_000_000)
+REMOTE: Final = RetransmissionPolicy(initial_ns=300_000_000, min_ns=100_000_000, max_ns=2_400_000_000)
 """Between platforms, over radio links: 0.3, 0.6, 1.2 s until a round trip was measured."""
 
 _STATUSES: Final = {int(status): status for status in Status}
@@ -45,13 +46,17 @@ class Complete(msgspec.Struct, frozen=True):
 Action = Transmit | Complete
 
 
-class _Pending(msgspec.Struct):
+_Way = tuple[int, bool]
+"""Receiver's hardware, and whether it is a command, which does not wait behind notifications and streams: the
+round trip of each is measured apart."""
+
+
+class _Pending(Sent):
     frame: Frame
+    way: _Way
     expires_ns: int
-    sent_ns: int
     wait_ns: int
-    limits: RetransmitLimits
-    times_sent: int = 1
+    policy: RetransmissionPolicy
     absent_since_ns: int | None = None
     reached: bool = False
     """True if it was passed to an application, which has died if it is absent later."""
@@ -63,8 +68,8 @@ class _Pending(msgspec.Struct):
         route, which may return at any moment."""
         trouble = self.soft_refusal
         if trouble is not None and trouble.status is Status.UNREACHABLE and trouble.detail != FULL:
-            return self.limits.initial_ns
-        return min(self.wait_ns * 2, self.limits.max_ns)
+            return self.policy.initial_ns
+        return self.policy.doubled_ns(self.wait_ns)
 
 
 class Outbox:
@@ -73,10 +78,9 @@ class Outbox:
     def __init__(self, hardware: int, grace_ns: int = GRACE_NS) -> None:
         self._hardware = hardware
         self._grace_ns = grace_ns
-        self._pending: dict[Key, _Pending] = {}
-        self._due: list[tuple[int, int, Key]] = []
-        self._order = count()
-        self._rtt: dict[tuple[int, bool], RttEstimator] = {}
+        self._pending: Flight[Key, _Pending] = Flight(RetransmissionPolicy())
+        self._timers: Timers[Key] = Timers()
+        self._rtt: dict[_Way, RttEstimator] = {}
         self.resent = 0
         """Frames sent more than once."""
 
@@ -91,13 +95,14 @@ class Outbox:
     def on_submit(self, frame: Frame, timeout_ns: int, now_ns: int) -> list[Action]:
         """A new message or request."""
         key = (frame.sender_app, frame.data_id, frame.sequence)
-        pace = LOCAL if frame.receiver_hw == self._hardware else REMOTE
+        policy = LOCAL if frame.receiver_hw == self._hardware else REMOTE
         # A known receiver starts with its measured round trip instead of the initial timeout.
-        round_trip = self._rtt.get(_way(frame))
-        wait_ns = round_trip.timeout_ns(pace) if round_trip else pace.initial_ns
+        way = (frame.receiver_hw, frame.kind in _COMMANDS and not frame.flags & _BULK)
+        round_trip = self._rtt.get(way)
+        wait_ns = round_trip.timeout_ns(policy) if round_trip else policy.initial_ns
         expires_ns = now_ns + timeout_ns
-        self._pending[key] = _Pending(frame, expires_ns, now_ns, wait_ns, pace)
-        self._schedule(key, min(now_ns + wait_ns, expires_ns))
+        self._pending.add(key, _Pending(frame, way, expires_ns, wait_ns, policy, sent_ns=now_ns))
+        self._timers.set(key, min(now_ns + wait_ns, expires_ns))
         return [Transmit(frame, retransmission=False)]
 
     def on_ack(self, key: Key, ack: Ack, now_ns: int) -> list[Action]:
@@ -120,18 +125,15 @@ class Outbox:
             return []
         if status is Status.DELIVERED and pending.frame.kind is FrameKind.REQUEST:
             # the receiver processes it: retransmit at the longest interval, in case the reply is lost
-            pending.wait_ns = pending.limits.max_ns
+            pending.wait_ns = pending.policy.max_ns
             pending.absent_since_ns = pending.soft_refusal = None
             return []
-        self._measure(pending, now_ns)
-        del self._pending[key]
+        self._settle(key, now_ns)
         return [Complete(key, outcome)]
 
     def on_reply(self, key: Key, now_ns: int) -> list[Action]:
         """The reply to a request."""
-        pending = self._pending.pop(key, None)
-        if pending is not None:
-            self._measure(pending, now_ns)
+        self._settle(key, now_ns)
         return []
 
     def reached(self, key: Key) -> None:
@@ -143,33 +145,29 @@ class Outbox:
 
     def drop(self, key: Key) -> None:
         """Remove a message or request whose sender does not wait any longer."""
-        self._pending.pop(key, None)
+        self._pending.drop(key)
+        self._timers.drop(key)
 
     def on_timer(self, now_ns: int) -> list[Action]:
         """Return retransmissions and outcomes that are due."""
         actions: list[Action] = []
-        while self._due and self._due[0][0] <= now_ns:
-            _, _, key = heapq.heappop(self._due)
+        while (key := self._timers.pop(now_ns)) is not None:
             pending = self._pending.get(key)
             if pending is None:
                 continue
             if now_ns >= pending.expires_ns or self._absent_for_good(pending, now_ns):
                 actions.append(self._give_up(key, pending))
             else:
-                pending.sent_ns = now_ns
-                pending.times_sent += 1
+                self._pending.resend(pending, now_ns)
                 self.resent += 1
                 pending.wait_ns = pending.next_wait_ns()
                 actions.append(Transmit(pending.frame, retransmission=True))
-                self._schedule(key, self._next_ns(pending, now_ns))
+                self._timers.set(key, self._next_ns(pending, now_ns))
         return actions
 
     def deadline_ns(self) -> int | None:
         """Instant at which `on_timer` must be called, or None without a deadline."""
-        # Answered entries stay in the heap until they surface: removing one inside it costs a full scan.
-        while self._due and self._due[0][2] not in self._pending:
-            heapq.heappop(self._due)
-        return self._due[0][0] if self._due else None
+        return self._timers.next_ns()
 
     def _next_ns(self, pending: _Pending, now_ns: int) -> int:
         due_ns = min(now_ns + pending.wait_ns, pending.expires_ns)
@@ -181,25 +179,16 @@ class Outbox:
         return pending.absent_since_ns is not None and now_ns - pending.absent_since_ns >= self._grace_ns
 
     def _give_up(self, key: Key, pending: _Pending) -> Complete:
-        del self._pending[key]
+        self.drop(key)
         return Complete(key, _given_up(pending))
 
-    def _measure(self, pending: _Pending, now_ns: int) -> None:
-        if pending.times_sent != 1 or pending.frame.kind is FrameKind.REQUEST:
-            return  # Karn: the answered copy is unknown; the time of a request includes its handler
-        way = _way(pending.frame)
-        estimator = self._rtt.get(way)
-        if estimator is None:
-            estimator = self._rtt[way] = RttEstimator()
-        estimator.add(now_ns - pending.sent_ns)
-
-    def _schedule(self, key: Key, due_ns: int) -> None:
-        heapq.heappush(self._due, (due_ns, next(self._order), key))
-
-
-def _way(frame: Frame) -> tuple[int, bool]:
-    """Key of a shared round-trip time: commands do not wait behind notifications and streams."""
-    return frame.receiver_hw, frame.kind in _COMMANDS and not frame.flags & _BULK
+    def _settle(self, key: Key, now_ns: int) -> None:
+        """A message was answered; the time of a request includes its handler, and measures no round trip."""
+        self._timers.drop(key)
+        pending = self._pending.acknowledge(key, now_ns)
+        round_trip_ns = None if pending is None else pending.round_trip_ns(now_ns)
+        if pending is not None and round_trip_ns is not None and pending.frame.kind is not FrameKind.REQUEST:
+            self._rtt.setdefault(pending.way, RttEstimator()).add(round_trip_ns)
 
 
 def _given_up(pending: _Pending) -> Outcome:

@@ -19,12 +19,6 @@ class Sent(msgspec.Struct, kw_only=True):
     is_lost: bool = False
     """True from a failure to the retransmission."""
 
-    def resend(self, now_ns: int) -> None:
-        """The item is sent again."""
-        self.sent_ns = now_ns
-        self.times_sent += 1
-        self.is_lost = False
-
     def round_trip_ns(self, now_ns: int) -> int | None:
         """Round trip of an item acknowledged now, or None after a retransmission.
 
@@ -123,6 +117,12 @@ class Flight(Generic[Key, Item]):
         """The next transmission of the item has another size."""
         self._size += size - item.size
         item.size = size
+
+    def resend(self, item: Item, now_ns: int) -> None:
+        """The item is sent again."""
+        item.sent_ns = now_ns
+        item.times_sent += 1
+        item.is_lost = False
 
     def repeatable(self) -> list[Item]:
         """The oldest lost items, as many as the window permits.

@@ -54,3 +54,7 @@ class RetransmissionPolicy(msgspec.Struct, frozen=True):
     """Doublings of the time-out of a probe."""
     lost_kept: int = 0
     """Lost packets that are remembered, to recognise a late one."""
+
+    def doubled_ns(self, wait_ns: int) -> int:
+        """The time-out after another one without an answer."""
+        return min(2 * wait_ns, self.max_ns)

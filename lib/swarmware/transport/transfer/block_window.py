@@ -31,7 +31,7 @@ class BlockWindow:
         self._waiting: deque[int] = deque()
         for first, last in ranges:
             self._waiting.extend(range(first, last + 1))
-        self._flight: Flight[int, _Block] = Flight(BLOCKS)
+        self._flight: Flight[int, _SentBlock] = Flight(BLOCKS)
 
     @property
     def is_done(self) -> bool:
@@ -46,12 +46,12 @@ class BlockWindow:
     def take(self, now_ns: int) -> int | None:
         """The next block, first those that failed, or None with a full window or without a waiting block."""
         for block in self._flight.repeatable():
-            block.resend(now_ns)
+            self._flight.resend(block, now_ns)
             return block.number
         if not self._waiting or not self._flight.has_room():
             return None
         number = self._waiting.popleft()
-        self._flight.add(number, _Block(number, sent_ns=now_ns))
+        self._flight.add(number, _SentBlock(number, sent_ns=now_ns))
         return number
 
     def on_done(self, number: int, now_ns: int) -> None:
@@ -64,5 +64,5 @@ class BlockWindow:
         self._flight.fail(number, now_ns)
 
 
-class _Block(Sent):
+class _SentBlock(Sent):
     number: int

@@ -17,7 +17,7 @@ from swarmd.broker.core.frames.send_buffer import FREE_NS, SIZE_MAX, SIZE_MIN
 from swarmd.broker.core.frames.send_queue import QueuedFrame
 from swarmd.broker.core.swarm.neighbours.link import ConnectionDelay
 from swarmware.model.frame import Frame, FrameKind, encode
-from swarmware.transport.delivery.rate_control import PACKET_BYTES, WINDOW_MIN
+from swarmware.transport.retransmission.rate_control import PACKET_BYTES, WINDOW_MIN
 
 UAV1, UAV2, SESSION = 0xA1, 0xA2, 7
 MS = 1_000_000

@@ -7,7 +7,7 @@ from swarmd.broker.core.frames.reliable.reliable_link import ReliableLink
 from swarmd.broker.core.frames.send_queue import QueuedFrame
 from swarmware.model.frame import Frame, FrameKind
 from swarmware.model.frame import encode as encode_frame
-from swarmware.transport.delivery.rate_control import WINDOW_FIRST
+from swarmware.transport.retransmission.rate_control import WINDOW_FIRST
 
 MS = 1_000_000
 

@@ -51,22 +51,6 @@ class UnacknowledgedNotification(Sent):
     offset: int
     """Bytes that the lane had sent before."""
 
-    def keep_ordered(self) -> None:
-        """Remove its boards, whose newest values follow, and former values; the rest is retransmitted with
-        the same serial.
-
-        A duplicate must contain all events of the first copy, so only boards are removed.
-        """
-        ordered: Parts = []
-        for feed, items in self.parts:
-            if feed.latest_only:
-                feed.requeue(items)
-            else:
-                ordered.append((feed, items))
-        self.parts = ordered
-        rest = tuple(item for _, items in ordered for item in items)
-        self.notify = msgspec.structs.replace(self.notify, items=rest)
-
 
 class NotificationLane(Flight[int, UnacknowledgedNotification]):
     """Sends notifications with consecutive serials; the receiver restores their order."""
@@ -123,7 +107,7 @@ class NotificationLane(Flight[int, UnacknowledgedNotification]):
         are delivered."""
         first = self.first
         for flight in self.repeatable():
-            flight.resend(now_ns)
+            self.resend(flight, now_ns)
             yield msgspec.structs.replace(flight.notify, first=first)
 
     def delivered(self, serial: int, now_ns: int) -> UnacknowledgedNotification | None:
@@ -139,7 +123,7 @@ class NotificationLane(Flight[int, UnacknowledgedNotification]):
         flight = self.fail(serial, now_ns)
         if flight is None:
             return False
-        flight.keep_ordered()
+        _keep_ordered(flight)
         notify = flight.notify
         self.resize(flight, _bytes_of(notify))
         empty = not notify.items and not notify.digest and notify.limits is None
@@ -153,6 +137,19 @@ class NotificationLane(Flight[int, UnacknowledgedNotification]):
             for feed, items in flight.parts:
                 feed.requeue(items)
         super().clear()
+
+
+def _keep_ordered(flight: UnacknowledgedNotification) -> None:
+    """Remove boards, whose newest values follow, and former values; the rest keeps its serial.
+
+    A duplicate must contain all events of the first copy, so only boards are removed.
+    """
+    for feed, items in flight.parts:
+        if feed.latest_only:
+            feed.requeue(items)
+    flight.parts = [(feed, items) for feed, items in flight.parts if not feed.latest_only]
+    rest = tuple(item for _, items in flight.parts for item in items)
+    flight.notify = msgspec.structs.replace(flight.notify, items=rest)
 
 
 def _bytes_of(notify: TreeNotify) -> int:

@@ -1,10 +1,10 @@
 """The rate of a stream that follows its link: items are left out before they wait."""
 
-from collections import deque
 from collections.abc import Sequence
 from typing import Final
 
 from swarmware.transport.delivery.bitrate_control import QUEUE_NS, BitrateControl
+from swarmware.transport.retransmission.rtt import QueueDelay
 from swarmware.types.tree import TreeItem
 
 UNLIMITED_BIT_S: Final = 10_000_000_000
@@ -30,8 +30,7 @@ class LinkRate:
     """Decides which items are sent, by the delay of acknowledgements above its minimum."""
 
     __slots__ = (
-        "_admitted_ns", "_base_ns", "_base_since_ns", "_control", "_due_ns", "_former_base_ns", "_item_bits",
-        "_newest_ns", "_queue_ns", "_under_way",
+        "_admitted_ns", "_control", "_delay", "_due_ns", "_item_bits", "_queue_ns", "_under_way",
     )  # fmt: skip
 
     def __init__(self) -> None:
@@ -40,10 +39,7 @@ class LinkRate:
         )
         self._under_way: dict[int, int] = {}
         """Instant at which items were sent, by the number of their first one."""
-        self._base_ns: int | None = None
-        self._former_base_ns: int | None = None
-        self._base_since_ns = 0
-        self._newest_ns: deque[int] = deque(maxlen=NEWEST)
+        self._delay = QueueDelay(BASE_NS, NEWEST, 0)
         self._queue_ns = _NEVER_NS
         """When a queue was seen last."""
         self._due_ns = _NEVER_NS
@@ -91,14 +87,9 @@ class LinkRate:
     def _is_stopped(self, now_ns: int, waiting_ns: int | None) -> bool:
         latest_ns = now_ns - STOP_NS - self._period_ns
         oldest_ns = next(iter(self._under_way.values()), None)
-        if oldest_ns is not None and oldest_ns < latest_ns - (self._min_ns or 0):
+        if oldest_ns is not None and oldest_ns < latest_ns - (self._delay.minimum_ns or 0):
             return True
         return waiting_ns is not None and waiting_ns < latest_ns
-
-    @property
-    def _min_ns(self) -> int | None:
-        known = [one for one in (self._base_ns, self._former_base_ns) if one is not None]
-        return min(known) if known else None
 
     def on_sent(self, items: Sequence[TreeItem], now_ns: int) -> None:
         """Items were handed to the link."""
@@ -115,10 +106,11 @@ class LinkRate:
         sent_ns = self._under_way.pop(items[0].sequence, None) if items else None
         if sent_ns is None:
             return
-        self._on_delay(now_ns - sent_ns, now_ns)
+        # from the first sending on: copies of a lost one do not shorten the delay
+        self._delay.add(now_ns - sent_ns, now_ns)
         self._control.on_received(sum(len(item.data) for item in items), now_ns)
         period_ns = self._period_ns
-        queueing_ns = max(0, min(self._newest_ns) - (self._min_ns or 0) - period_ns)
+        queueing_ns = max(0, self._delay.queueing_ns - period_ns)
         waited_ns = 0 if waiting_ns is None else max(0, now_ns - waiting_ns - period_ns)
         if max(queueing_ns, waited_ns) > QUEUE_NS:
             self._queue_ns = now_ns
@@ -126,11 +118,3 @@ class LinkRate:
             self._control.on_free(now_ns)
         else:
             self._control.on_queue(queueing_ns, waited_ns, now_ns)
-
-    def _on_delay(self, delay_ns: int, now_ns: int) -> None:
-        """A delay was measured, from the first sending on: copies of a lost one do not shorten it."""
-        if now_ns - self._base_since_ns >= BASE_NS:
-            self._former_base_ns, self._base_ns = self._base_ns, None
-            self._base_since_ns = now_ns
-        self._base_ns = delay_ns if self._base_ns is None else min(self._base_ns, delay_ns)
-        self._newest_ns.append(delay_ns)

@@ -15,11 +15,11 @@ from swarmd.tree.core.structure.index import Index
 from swarmd.tree.core.structure.local import LocalTree
 from swarmd.tree.core.structure.structure_decoder import StructureDecoder
 from swarmd.tree.core.structure.subscription import LocalSubscriptions
-from swarmd.tree.core.timers import Timers
 from swarmware.errors import Conflict, InvalidInput, OutOfRange, WireError
 from swarmware.model.names import Address
 from swarmware.model.resource import Resource
 from swarmware.runtime.backoff import pause_after
+from swarmware.runtime.timers import Timers
 from swarmware.types.net import BoardSubscription, StructureBroadcast
 from swarmware.types.tree import (
     BoardLimit,

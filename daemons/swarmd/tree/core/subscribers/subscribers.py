@@ -14,9 +14,9 @@ from swarmd.tree.core.structure.subscription import Subscription, make_subscript
 from swarmd.tree.core.subscribers.subscriber import Subscriber
 from swarmd.tree.core.subscribers.subscription_plan import SubscriptionPlan, SubscriptionPlanner
 from swarmd.tree.core.subscribers.watched_resources import WatchedResources
-from swarmd.tree.core.timers import Timers
 from swarmware.model.access import Access, Role, Sender
 from swarmware.model.names import Address
+from swarmware.runtime.timers import Timers
 from swarmware.types.channel import (
     BEACON_LINK,
     NO_SETTINGS,

@@ -14,7 +14,7 @@ import msgspec
 
 from swarmd.broker.core.frames.reliable.packet import Acknowledgement, Piece
 from swarmd.broker.core.frames.reliable.received_packets import ACK_DELAY_NS
-from swarmware.transport.delivery.rtt import RttEstimator
+from swarmware.transport.retransmission.rtt import RttEstimator
 
 PACKET_THRESHOLD: Final = 3
 PACKET_THRESHOLD_MAX: Final = 64

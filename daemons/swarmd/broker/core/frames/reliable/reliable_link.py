@@ -25,7 +25,7 @@ from swarmd.broker.core.frames.reliable.reassembly import Reassembly
 from swarmd.broker.core.frames.reliable.received_packets import ReceivedPackets
 from swarmd.broker.core.frames.send_queue import Priority, QueuedFrame
 from swarmware.errors import WireError
-from swarmware.transport.delivery.rate_control import RateControl
+from swarmware.transport.retransmission.rate_control import RateControl
 
 OVERHEAD: Final = 28 + 10 + 16
 """Bytes of a datagram besides the packet: IP and UDP, clear header, tag."""

@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmware.transport.delivery.rate_control import (
+from swarmware.transport.retransmission.rate_control import (
     BASE_NS,
     FALL_NS,
     LOSS_PACKETS,

@@ -5,8 +5,9 @@ few packets). The sign is the growth of the round trip above its minimum, as in 
 counts only as far as it exceeds what the link loses anyway.
 """
 
-from collections import deque
 from typing import Final
+
+from swarmware.transport.retransmission.rtt import QueueDelay
 
 TARGET_NS: Final = 25_000_000
 """Maximum queueing delay that the window fills; a command behind it still arrives fast."""
@@ -56,11 +57,8 @@ class RateControl:
         self._usual_loss = usual_loss
         self._starting = True
         """True while the window doubles in each round, until a queue is measured."""
-        self._base_ns = base_ns
-        self._former_base_ns: int | None = None
-        self._base_since_ns = now_ns
+        self._delay = QueueDelay(BASE_NS, NEWEST, now_ns, base_ns)
         self._round_ns = now_ns
-        self._newest_ns: deque[int] = deque(maxlen=NEWEST)
         self._samples = 0
         self._passed = 0
         """Bytes that left the link in this round, acknowledged or lost."""
@@ -80,18 +78,13 @@ class RateControl:
 
     @property
     def queueing_ns(self) -> int:
-        """Queueing delay: the smallest of the newest round trips above the minimum of the last seconds.
-
-        Not their mean, because delays scatter.
-        """
-        base_ns = self.base_ns
-        return 0 if base_ns is None or not self._newest_ns else max(0, min(self._newest_ns) - base_ns)
+        """Queueing delay of the link."""
+        return self._delay.queueing_ns
 
     @property
     def base_ns(self) -> int | None:
         """Minimum of the round trip over the last seconds."""
-        known = [one for one in (self._base_ns, self._former_base_ns) if one is not None]
-        return min(known) if known else None
+        return self._delay.minimum_ns
 
     def has_room(self, reserve: bool) -> bool:
         """Whether another packet may be in flight; `reserve` for packets with commands, which have
@@ -118,13 +111,8 @@ class RateControl:
 
     def on_round_trip(self, sample_ns: int, now_ns: int) -> None:
         """A round trip was measured."""
-        if now_ns - self._base_since_ns >= BASE_NS:
-            # Two intervals, so that the minimum never rests on a few samples just after a change.
-            self._former_base_ns, self._base_ns = self._base_ns, None
-            self._base_since_ns = now_ns
-        self._base_ns = sample_ns if self._base_ns is None else min(self._base_ns, sample_ns)
+        self._delay.add(sample_ns, now_ns)
         self._samples += 1
-        self._newest_ns.append(sample_ns)
 
     def on_acknowledged(self, size: int) -> None:
         """A packet has arrived."""
@@ -179,7 +167,7 @@ class RateControl:
             self._starting = False
             if self.window <= WINDOW_MIN:
                 # two packets in flight fill no queue, so the link itself has become slower
-                self._base_ns, self._former_base_ns = min(self._newest_ns), None
+                self._delay.restart()
             # Aim at half of the target queue; a single round never more than halves the window.
             fitting = self._passed / elapsed_ns * (base_ns + target_ns / 2)
             self.window = max(self.window / 2, min(self.window * 0.95, fitting), WINDOW_MIN)

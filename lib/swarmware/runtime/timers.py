@@ -37,7 +37,7 @@ class Timers(Generic[Key]):
         return None
 
     def pop(self, now_ns: int) -> Key | None:
-        """Remove and return a key that is due; None: none is."""
+        """Remove and return a key that is due, or None without one."""
         when_ns = self.next_ns()
         if when_ns is None or when_ns > now_ns:
             return None
