@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Final
 
 PORTS: Final = range(10_000, 20_000, 2)
-"""Below those of labs, and below those that the kernel gives to a socket without a port of its own, so that
-nobody takes one before the test listens there."""
+"""Ports below the range of labs and below the ephemeral range of the kernel, so that no other process takes
+a port before the test listens there."""
 LAST: Final = Path(tempfile.gettempdir()) / f"swarmware-tests-port-{os.getuid()}"
 """Contains the port that was given last, to whichever process."""
 

@@ -22,7 +22,7 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
 def own(body: list[ast.stmt]) -> Iterator[ast.AST]:
-    """The nodes of a function without those of the functions and classes inside it."""
+    """Nodes of a function, without the functions and classes that it defines."""
     todo: list[ast.AST] = list(body)
     while todo:
         node = todo.pop()
@@ -58,7 +58,7 @@ def last_word(node: ast.expr) -> str:
 
 
 def bases_of(trees: list[ast.Module]) -> dict[str, set[str]]:
-    """Bases of each class; of classes with one name, as those of the scaffolds, the bases of all."""
+    """Bases of each class name; classes that share a name, as in the scaffolds, share their bases too."""
     found: dict[str, set[str]] = {}
     for node in (node for tree in trees for node in walked(tree) if isinstance(node, ast.ClassDef)):
         found.setdefault(node.name, set()).update({last_word(base) for base in node.bases} - {node.name})

@@ -36,7 +36,7 @@ CORES: Final = [
     for cls in classes()
     if "on_timer" in vars(cls) and cls is not Core and not cls.__module__.endswith(".service")
 ]
-"""All cores; the shell of one that reads inputs before each deadline has `on_timer`, too."""
+"""All cores, without the shells: a shell that reads inputs before each deadline has `on_timer`, too."""
 
 
 def methods(cls: type) -> dict[str, inspect.Signature]:

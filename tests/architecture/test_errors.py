@@ -34,7 +34,7 @@ def test_no_builtin_error_is_raised_on_purpose() -> None:
 
 
 BROAD = {"Exception", "BaseException", "OSError", "EnvironmentError"}
-"""Errors of many causes: one that nobody expected must not vanish."""
+"""Errors of many causes, so an unexpected cause would vanish with them."""
 
 
 def test_no_error_of_many_causes_vanishes_without_reason() -> None:

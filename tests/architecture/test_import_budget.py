@@ -38,7 +38,7 @@ HEAVY: Final = {
 """None of these may stand between an operator and the list of commands."""
 
 BUDGET: Final = 60
-"""Modules besides those of a bare interpreter that imports click; 13 when this was written."""
+"""Modules that a bare interpreter with click has not imported; 13 when this was written."""
 
 READER_HEAVY: Final = {
     *("importlib.metadata", "multiprocessing", "shutil", "tempfile", "http", "email", "xml", "unittest"),
@@ -75,7 +75,7 @@ ANSWERED: Final = {0, NotFound.exit_code, ConfigError.exit_code}
 """Exit codes with a folder that has no node: the command has got behind all its imports."""
 
 READER_BUDGET: Final = 260
-"""Modules that one of them imports besides those of `click`; 220 to 240 when this was written."""
+"""Modules that a reader imports in addition to `click`; 220 to 240 when this was written."""
 
 TOP_LEVEL: Final = {"--version", "--help", "completion"}
 

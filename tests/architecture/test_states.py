@@ -49,7 +49,7 @@ def words(node: ast.AST) -> frozenset[str]:
 
 
 def literals(node: ast.AST, aliases: dict[str, frozenset[str]]) -> frozenset[str]:
-    """The words that an annotation permits; empty: it is no `Literal`."""
+    """Words that an annotation permits, or an empty set if it is not a `Literal`."""
     found: frozenset[str] = frozenset()
     for part in ast.walk(node):
         if isinstance(part, ast.Subscript) and ast.unparse(part.value).endswith("Literal"):

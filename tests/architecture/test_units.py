@@ -81,7 +81,7 @@ def test_the_hardening_stays_under_its_ceiling(installed: Path, unit: str) -> No
 
 
 def test_no_daemon_is_wanted_but_by_node_toml() -> None:
-    # a simulation on a vehicle that flies would be one that nobody asked for
+    # otherwise a flying vehicle would start a simulation without an order of its operator
     assert not re.findall(r"^(Wants|Requires)=", (UNITS / "swarm.target").read_text(), re.MULTILINE)
     assert "WantedBy=swarm.target" in (UNITS / "swarmd@.service").read_text()
     assert "swarmd units" in OPERATIONS.read_text()

@@ -44,7 +44,7 @@ class Passage(NamedTuple):
 
 
 class BoardLink:
-    """A node that writes the board, and one that reads it."""
+    """A node that writes the board, and a second node that reads it."""
 
     def __init__(self, loss: float) -> None:
         self.air: VirtualSwarm[str] = VirtualSwarm(SEED, loss=loss, delay_s=DELAY_S)

@@ -3,7 +3,7 @@
     python tests/bench/commands.py [--runs N] [--lab NAME] [--json]
 
 The median of the runs from the start of the process to its end, answer of the swarm included; runs of the
-bare Python alternate with those of each command. `--lab`: a running lab with the platform `uav1`. A row is
+bare Python alternate with the runs of each command. `--lab`: a running lab with the platform `uav1`. A row is
 refused if its bare figure is more than 20 % above the best of three that are taken at the start.
 """
 

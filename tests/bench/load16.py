@@ -44,7 +44,7 @@ class Use(NamedTuple):
     main_wakes: int
     """Wake-ups of main threads."""
     other_wakes: int
-    """Wake-ups of all other threads: those of libzmq, of the mission daemon and of the logger."""
+    """Wake-ups of all other threads, which are the threads of libzmq, the mission daemon and the logger."""
     rss_mb: float
     pss_mb: float
     processes: int

@@ -37,7 +37,7 @@ from swarmware.types.scalar import Blob
 
 ROUNDS = 5
 PAYLOADS_BYTES = (200, 2000)
-"""One that fits a datagram, and one that does not."""
+"""A payload that fits a datagram, and a payload that does not."""
 MEASURED_S = 2.5
 """Time after which the brokers have measured the loss of their link."""
 BUDGET_US = 500.0

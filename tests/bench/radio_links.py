@@ -86,7 +86,7 @@ class Bench:
         return self.both(*itertools.combinations(self.names, 2))
 
     def via(self, name: str, target: str) -> str:
-        """Next hop of a node to another one; empty: none."""
+        """Next hop of a node to another node, or "" without a route."""
         table = self._routes[name].value
         return next((r.via for r in table.routes if r.platform == target), "") if table is not None else ""
 

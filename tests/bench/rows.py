@@ -24,7 +24,7 @@ class Row(NamedTuple):
     goal: str
     is_met: bool
     refusal: str = ""
-    """Why the row is none, or empty if it was measured without other load."""
+    """Why the row is refused, or "" if it was measured without other load."""
 
     @property
     def verdict(self) -> str:

@@ -12,7 +12,7 @@ from tests.boot.machine import ROOT
 from tests.boot.page import PAGE, blocks
 
 RAISED: Final = "0.1.1"
-"""A version above that of the sources."""
+"""A version above the version of the sources."""
 
 
 @pytest.fixture(scope="session")

@@ -19,7 +19,7 @@ class Block(NamedTuple):
 
     section: str
     host: str
-    """Platform of the host that `<!-- host: … -->` names; empty: each."""
+    """Platform of the host that `<!-- host: … -->` names, or "" for each host."""
     text: str
     reason: str = ""
     """Why no test without systemd can run it (`<!-- not run: … -->`)."""
@@ -38,13 +38,13 @@ def blocks(page: Path) -> list[Block]:
 
 
 def section(page: Path, heading: str, host: str = "", *, marked: bool = False) -> list[str]:
-    """The blocks of a section: those of this host, and of each; `marked`: also those not run elsewhere."""
+    """Blocks of a section for this host and for all hosts, with `marked` also blocks that need systemd."""
     found = [one for one in blocks(page) if one.section == heading and (marked or not one.reason)]
     return [one.text for one in found if not host or one.host in {"", host}]
 
 
 def commands(text: str) -> list[str]:
-    """The commands of a block that a person types: its lines, those of a here-document with their first."""
+    """Commands of a block as a person types them, each here-document as part of the line that begins it."""
     found: list[str] = []
     end = ""
     for line in text.splitlines():

@@ -233,7 +233,7 @@ def test_services_get_documented_scheduling_or_report_why_not(node: Machine) -> 
 
 
 def followed(machine: Machine, block: str) -> None:
-    """Each line of a block; one that follows a log is ended."""
+    """Runs each line of a block, and ends a command that follows a log after three seconds."""
     for line in block.splitlines():
         machine.must(f"timeout 3 {line} || test $? = 124" if "--follow" in line else line)
 

@@ -82,7 +82,7 @@ class Swarm:
             self.until(self.both, "both hosts list both nodes")
 
     def follow(self, heading: str) -> None:
-        """Types the commands of a section: those of one host there, others on each host."""
+        """Types the commands of a section on their host, or on each host if the page names no host."""
         for block in blocks(PAGE):
             if block.section == heading and not block.reason:
                 for name in [block.host] if block.host else list(self.hosts):
@@ -411,7 +411,7 @@ PROVOKED: Final[dict[str, tuple[Callable[[Swarm], AbstractContextManager[None]],
     "times in the logs of two nodes differ": (wrong_clock, "gcs", ""),
     "the host was upgraded and units differ": (former_unit, "uav1", ""),
 }
-"""What brings each symptom about, the host of its command, and the user who types it; empty: root."""
+"""Cause of each symptom, the host of its command, and the user who types it, or "" for root."""
 
 
 def test_every_symptom_is_provoked() -> None:

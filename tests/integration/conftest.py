@@ -9,6 +9,6 @@ from swarmware.testing.forked import forking
 
 @pytest.fixture(scope="session", autouse=True)
 def fork_server() -> Iterator[None]:
-    """One for each pytest process, started before the first test: it is none of what a test leaves behind."""
+    """One fork server for each pytest process, started before the first test, so no test is blamed for it."""
     with forking():
         yield

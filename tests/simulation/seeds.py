@@ -18,5 +18,5 @@ def examples(few: int, every: int) -> int:
 
 
 def cases(few: Sequence[T], others: Sequence[T]) -> list[T]:
-    """The cases of `few`, or with SWARM_SEEDS=all also those of `others`."""
+    """The cases of `few`, and with SWARM_SEEDS=all also the cases of `others`."""
     return [*few, *others] if os.environ.get("SWARM_SEEDS") == "all" else list(few)

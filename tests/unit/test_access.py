@@ -122,7 +122,7 @@ def question(kind: FrameKind = FrameKind.REQUEST, extension: bytes = b"") -> Fra
 @pytest.mark.parametrize("kind", [*ADDRESSED, FrameKind.REQUEST])
 def test_everything_that_an_application_takes_needs_the_right(kind: FrameKind) -> None:
     gate().check(question(kind), "gcs", "cmd/goto")
-    for platform in ("uav2", "uav3", "nobody"):  # a node, a revoked one, one that is not on the roster
+    for platform in ("uav2", "uav3", "nobody"):  # a node, a revoked node, a node outside the roster
         with pytest.raises(Denied):
             gate().check(question(kind), platform, "cmd/goto")
     with pytest.raises(Denied, match="observer@uav3"):

@@ -1,4 +1,4 @@
-"""Files of helicopters and aircraft: one that could not fly is refused with the key and what was expected."""
+"""A file of a helicopter or aircraft that could not fly is refused with the key and what was expected."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Lines of keys of a TOML text: those of the parser of the standard library, each at its line."""
+"""The reader of lines finds the keys that the parser of the standard library finds, each at its line."""
 
 import tomllib
 from collections.abc import Iterator

@@ -89,7 +89,7 @@ class Program:
         await asyncio.get_running_loop().sock_sendall(self._socket, message(encode(frame)))
 
     async def answer(self) -> Ack:
-        """The next answer of this node; those of others go to applications that are on the node's table."""
+        """Next answer of this node; answers of other nodes go to applications on the node's table."""
         return registry.decode(Ack, (await self.answer_frame()).payload)
 
     async def answer_frame(self) -> Frame:
@@ -98,7 +98,7 @@ class Program:
         return decode(self._messages.pop(0))
 
     async def refusal(self) -> str:
-        """The reason of a refused message or request; empty: it was delivered."""
+        """Reason of a refused message or request, or "" if it was delivered."""
         frame = await self.answer_frame()
         if frame.kind is FrameKind.REPLY:
             return registry.decode(Reply, frame.payload).error

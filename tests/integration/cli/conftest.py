@@ -85,7 +85,7 @@ class Lab(NamedTuple):
     def up(self) -> None:
         """Start it, under its name, with nothing of an earlier one."""
         shutil.rmtree(self.packages, ignore_errors=True)
-        self.packages.mkdir()  # before an interpreter notes that there is none
+        self.packages.mkdir()  # before an interpreter caches that the folder is missing
         done = self.ctl(f"lab up formation --nodes {len(NODES)} --name {self.name} --detach")
         assert done.code == 0, done.err
         end_s = time.monotonic() + PATIENCE_S

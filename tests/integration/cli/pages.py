@@ -30,7 +30,7 @@ class Block(NamedTuple):
     language: str
     text: str
     reason: str
-    """Why no test can run it; empty: it is run."""
+    """Why no test can run the block, or "" if the test runs it."""
     file: str
     """Path of the file that a reader writes."""
 

@@ -86,7 +86,7 @@ class Terminal:
 
 
 def _session_of(process: psutil.Process) -> int:
-    """Session of a process; 0: it has ended."""
+    """Session of a process, or 0 if the process has ended."""
     try:
         return os.getsid(process.pid)
     except ProcessLookupError:

@@ -158,7 +158,7 @@ def platforms(found: Iterable[dict[str, Any]]) -> set[str]:
     ],
 )
 def test_command_gives_document_and_something_for_people(command: str, check: Check, ctl: Ctl) -> None:
-    # doctor judges the machine, which is none of this test's business
+    # doctor judges the machine, which this test does not
     codes = {0, 1, 2, 3} if command.startswith("doctor") else {0}
     end_s = time.monotonic() + PATIENCE_S
     while (found := ctl(f"{command} --json")).code not in codes or not check(found.document):

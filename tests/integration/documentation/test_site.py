@@ -40,7 +40,7 @@ pytestmark = pytest.mark.timeout(600)  # the first test may build the whole site
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Built here, unless SWARM_SITE names the one that was built from these sources just now."""
+    """Folder of the site that SWARM_SITE names, or of a site that is built here."""
     if built := os.environ.get("SWARM_SITE"):
         return Path(built)
     folder = tmp_path_factory.mktemp("site")

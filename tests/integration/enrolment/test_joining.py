@@ -17,7 +17,7 @@ from swarmware.transport.security.root import Root
 
 Streams = tuple[asyncio.StreamReader, asyncio.StreamWriter]
 Conduct = Callable[[Streams, Streams], Awaitable[None]]
-"""What becomes of a connection to the inviter: the node's streams, then those of the inviter."""
+"""Handler of a connection to the inviter; takes the node's streams, then the inviter's streams."""
 
 
 async def message(reader: asyncio.StreamReader) -> bytes:
@@ -80,7 +80,7 @@ class Between:
 
 @asynccontextmanager
 async def between(token: str, *conducts: tuple[str, Conduct]) -> AsyncIterator[str]:
-    """The token whose addresses are those of the computers between."""
+    """Token with the addresses of the computers between the node and the inviter."""
     parsed = JoinToken.parse(token)
     proxies = Between(parsed.port, *conducts)
     servers = await proxies.open()

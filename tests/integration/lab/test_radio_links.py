@@ -28,7 +28,7 @@ TRIES = 3
 OBSERVED_S = 20.0
 """Time over which loss is counted: about 200 beacons."""
 OBSERVED = 150
-"""At least so many beacons: those of a busy computer come more slowly."""
+"""Least number of beacons, lower than 200 because a busy computer sends its beacons more slowly."""
 
 
 @pytest.fixture(scope="module")

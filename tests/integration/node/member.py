@@ -1,6 +1,6 @@
 """A member of a node's group that claims every address of the daemons: `python member.py CONFIG_DIR UID GID`.
 
-It skips the checks of its own process: only those of the other processes count.
+The program skips the checks of its own process, so only the checks of the other processes count.
 """
 
 import asyncio

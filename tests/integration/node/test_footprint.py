@@ -43,8 +43,8 @@ UNUSED: Final = {
 """Modules of media, devices, kinds of vehicles, supervisors and requests that this node does not have."""
 LIBRARIES: Final = re.compile(r"lib(crypto|ssl)[.-]|/cryptography/|/numpy")
 RATIO: Final = 5.2
-"""Resident memory of the process of a whole node to that of an interpreter that does nothing: 5.04 (44.0 MB)
-when this was measured, from sources without bytecode; 4.95 before reactions, readiness and the fence."""
+"""Resident memory of a whole node, as a multiple of an interpreter that does nothing. Measured from sources
+without bytecode: 5.04 (44.0 MB), and 4.95 before reactions, readiness and the fence."""
 PARENT_RATIO: Final = 1.25
 """The same of the parent: 1.18 when this was written, from sources without bytecode; 1.3 before."""
 WRITES_NO_BYTECODE: Final = {"PYTHONDONTWRITEBYTECODE": "1"}

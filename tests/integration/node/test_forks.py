@@ -70,7 +70,7 @@ def standard_input(pid: int) -> str:
 
 
 def fork_server(parent: int) -> int:
-    """The child of the parent that listens; 0 while there is none."""
+    """Process id of the fork server among the children of the parent, or 0 while there is no such child."""
     children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
     found = [int(pid) for pid in children if command(int(pid))[3:4] == ["forkserver"]]
     return found[0] if found else 0
@@ -134,7 +134,7 @@ async def test_everything_but_parent_killed_at_once_is_back(tmp_path: Path) -> N
 
 
 async def fault_of_supervision(module: Module) -> str:
-    """Phase of the fault that nobody supervises the node; empty: there is none, or no answer yet."""
+    """Phase of the fault of an unsupervised node, or "" without this fault or without an answer yet."""
     with suppress(NoAnswer):
         found = await module.request("sys/health/faults", FaultQuery(cleared=True), FaultList)
         return next((one.phase for one in found.faults if one.check == "guard/supervisor"), "")

@@ -1,4 +1,4 @@
-"""A user's module that is stopped by a signal leaves as one that comes to its end by itself."""
+"""A user's module that a signal stops leaves the node as if it had ended by itself."""
 
 import contextlib
 import signal

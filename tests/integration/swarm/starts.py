@@ -1,4 +1,4 @@
-"""What the start of a daemon costs on this machine now: the measure for one that was killed."""
+"""Present cost of starting a daemon on this machine, as a measure for the restart of a killed daemon."""
 
 import statistics
 import time

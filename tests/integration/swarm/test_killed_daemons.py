@@ -46,13 +46,13 @@ class Joined:
         self._changes.close()
 
     def pid(self, name: str) -> int:
-        """Process of the application; 0: it does not run."""
+        """Process id of the application, or 0 if it does not run."""
         self._node.table.refresh(probe=True)
         entry = self._node.table.named(name)
         return 0 if entry is None else entry.pid
 
     def runs(self, name: str, dead_pid: int) -> Callable[[AppStatus], bool]:
-        """Whether a beat is that of the present process, another one than the dead.
+        """Condition that a beat comes from the present process and not from the dead one.
 
         Two supervisors may start one each at the same instant; one of them ends again.
         """

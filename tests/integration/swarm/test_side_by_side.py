@@ -18,7 +18,7 @@ from swarmware.types.system import NodeInfo
 
 
 async def boots(made: Swarm) -> set[int]:
-    """What tells the nodes of one swarm from those of the other: they have the same names."""
+    """Boot numbers of the nodes of a swarm, which distinguish two swarms with the same names."""
     found = set()
     for platform in NAMES:
         async with made.at(platform) as module:

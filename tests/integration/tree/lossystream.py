@@ -1,7 +1,7 @@
 """A stream between two nodes over a loopback that drops packets or is slow; prints what its reader got.
 
 Run by test_lossy_streams.py as `unshare --net python lossystream.py RATE_HZ SECONDS [--loss PERCENT]
-[--link RATE] [--recording FILE]`. Items have 1 000 bytes, those of a recording are the packets of a
+[--link RATE] [--recording FILE]`. Items have 1 000 bytes; items of a recording are the packets of a
 scanner (1 206 bytes).
 """
 

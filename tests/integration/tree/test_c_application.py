@@ -75,7 +75,8 @@ async def test_c_program_waiting_for_removed_lock_keeps_instance(listener: Path,
     async with platforms(tmp_path, "gcs", tree={"keep": []}) as (gcs,), asyncio.timeout(PATIENCE_S):
         path = gcs.probe.node.run_dir / "apps" / "listener#1.toml"
         with path.open("w") as held:
-            fcntl.flock(held, fcntl.LOCK_EX)  # as one that takes it for the file of a dead application
+            # as a process does that mistakes it for the file of a dead application
+            fcntl.flock(held, fcntl.LOCK_EX)
             async with started(listener, gcs.config_dir, "/gcs/nav/pose") as process:
                 async for _ in gcs.probe.every(0.002):
                     if path in opened_by(process):

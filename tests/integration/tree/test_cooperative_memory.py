@@ -16,7 +16,7 @@ async def test_vehicle_out_of_range_has_tables_of_swarm(
     tmp_path: Path,
 ) -> None:
     async with platforms(tmp_path, "uav1", "uav2", "gcs", hear=LINE) as (far, middle, gcs):
-        # every one shares a table of its own, and reads those of the two others
+        # every node shares its own table, and reads the tables of the two others
         boards = {
             node.name: node.probe.writer("plan/table", Text, link="notify") for node in (far, middle, gcs)
         }

@@ -90,7 +90,7 @@ class Air(RadioSwarm):
                     self.ages_s[int(hops[index][other])].append(age_s)
 
     def distances(self) -> np.ndarray[tuple[int, int], np.dtype[np.int64]]:
-        """Hops over good links; 0: not connected."""
+        """Hops over good links, or 0 if the pair is not connected."""
         count = len(self.names)
         good = self.delivery > 0.85
         reached = np.eye(count, dtype=bool)

@@ -23,7 +23,7 @@ class FlightFigures(NamedTuple):
     beacon_bytes_s: float
     """All bytes that a node sends, with seal, UDP and IP: its pose and the names of others, too."""
     stretch: float
-    """Expected transmissions of the routes over those of the best paths."""
+    """Expected transmissions of the routes, divided by the expected transmissions of the best paths."""
     outages_s: list[float]
     """How long connected pairs were without a route that leads there."""
     changes: int
@@ -38,8 +38,8 @@ class Outages:
         self.ended_s: list[float] = []
 
     def look(self, connected: Pairs, arrived: Pairs) -> None:
-        """Notes which pairs have a route now; an outage that ends as its pair is parted is none of the
-        directory."""
+        """Notes which pairs have a route now; an outage that ends because its pair is
+        parted is not a fault of the directory."""
         ended = self._looks[arrived & (self._looks > 0)]
         self.ended_s += [float(looks) / LOOKS_HZ for looks in ended]
         self._looks = np.where(connected & ~arrived, self._looks + 1, 0)

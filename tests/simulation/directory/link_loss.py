@@ -30,8 +30,7 @@ class Outage(NamedTuple):
     rerouted: float
     """From the cut until frames go around it, over the third node."""
     data_back: float
-    """From the end of the cut until the first board value of the other end arrives directly; 0: it sends
-    none."""
+    """From the end of the cut until the first direct board value of the other end, or 0 if it sends none."""
     frames_back: float
     """From the end of the cut until frames may go directly again."""
 
@@ -83,7 +82,7 @@ class Triangle(VirtualSwarm[str]):
             self.values.append(self.now_ns)
 
     def via(self, name: str = "uav1", goal: str = "uav2") -> str:
-        """Next hop of a node to another; empty: none."""
+        """Next hop of a node to another node, or "" without a route."""
         routes = self.brokers[name].core.report.routes().routes
         return next((route.via for route in routes if route.platform == goal), "")
 

@@ -63,9 +63,9 @@ class Swarm(RadioSwarm):
         """Numbers of the nodes, by name and by hardware id in hex."""
         self.index |= {f"{hardware_id(name):08x}": number for name, number in self.index.items()}
         self.number = {hardware_id(name): number for number, name in enumerate(self.names, 1)} | {0: 0}
-        """The same by hardware id; 0: none."""
+        """Index of each node by its hardware id, or 0 for no node."""
         self.next_hop = np.zeros((count + 1, count + 1), dtype=np.int32)
-        """[node, destination] → neighbour, from all changes of routes; 0: no route."""
+        """[node, destination] → neighbour, from all changes of routes, or 0 without a route."""
         for name in self.names:
             first_ns = self.random.randrange(round(SECOND / tick_hz))
             self.at(first_ns, lambda name=name: self.start(name, late=False, former=FormerState()))  # type: ignore[misc]  # the name of this iteration
@@ -173,7 +173,7 @@ class Followed(NamedTuple):
     """Expected transmissions of each usable link; infinite: none."""
 
     def stretch(self) -> float:
-        """Expected transmissions of the routes over those of the best paths, in the mean of the pairs."""
+        """Expected transmissions of a route as a multiple of the best path, as a mean of the pairs."""
         best = self.cost.copy()
         np.fill_diagonal(best, 0)
         for _ in range(math.ceil(math.log2(len(best)))):

@@ -139,7 +139,7 @@ def rows(options: argparse.Namespace) -> Iterator[str]:
 def parse(arguments: list[str]) -> argparse.Namespace:
     """Reads the command line.
 
-    Raises: SystemExit for one that selects no row.
+    Raises: SystemExit for a command line that selects no row.
     """
     parser = argparse.ArgumentParser(prog=COMMAND, description="Tables of swarms in virtual time.")
     parser.add_argument("table", nargs="?", choices=("moving", "cell", "storm"), help="default: all")

@@ -41,7 +41,7 @@ class Pair:
         return self.receiver.core.clock_bound_ns(hardware_id("gcs"), self.receiver.clock.now_ns())
 
     def refuses(self, age_s: float) -> bool | None:
-        """Whether a command of this age is refused as expired; None: its age is not known."""
+        """Whether a command of this age is refused as expired, or None if its age is not known."""
         bound_ns = self.bound_ns()
         stamp_ns = self.sender.clock.now_ns() - round(age_s * 1e9)
         frame = Frame(FrameKind.MESSAGE, 1, stamp_ns=stamp_ns, extension=with_lifetime(LIFE_S))

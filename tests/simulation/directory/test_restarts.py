@@ -1,6 +1,6 @@
 """Brokers that start again in swarms of slow senders: no loop at any change of any route.
 
-The world and the brokers are those of test_directory_swarm, with a sixth of the datagrams lost more. Every
+World and brokers come from test_directory_swarm, with a sixth of the datagrams lost in addition. Every
 second or so one broker dies without a word and starts again 20 ms to 3 s later: it has forgotten what it
 advertised, while others may still send through it. Slow senders are missed late: at 2 Hz (nobody subscribes)
 after seconds, at 1 Hz, where the processor is short, after more. Their new session is accepted as late as

@@ -1,7 +1,7 @@
 """Routes in swarms that move at 10 m/s: the share of pairs whose next hops lead there, and what it costs.
 
-The world and the brokers are those of test_directory_swarm, the figures those that table.py prints, here of
-shorter flights.
+World and brokers come from test_directory_swarm, and the figures are the figures of table.py over shorter
+flights.
 """
 
 import pytest

@@ -44,7 +44,7 @@ class Medium:
         self.is_cut = False
 
     def arrival_ns(self, size: int, now_ns: int) -> int | None:
-        """When a datagram of this size arrives; None: it is lost."""
+        """Arrival of a datagram of this size, or None if it is lost."""
         wait_ns = max(0, self.free_ns - now_ns)
         self.queueing.append((now_ns, wait_ns))
         if wait_ns * self.rate_bit_s / 8e9 > self.queue_bytes:

@@ -30,7 +30,7 @@ EXTENSION_BYTES = len(with_lifetime(1.0))
 
 
 LINKS_S = 0.5
-"""Time in which the links of a node come up: its beacons and those of others answer each other."""
+"""Time in which the links of a node come up, while the beacons of both ends answer each other."""
 
 
 ACK_BYTES = HEADER_BYTES + len(registry.encode(Ack(0, "uav10:tree#1", "", 10**15)))

@@ -222,12 +222,12 @@ class Node:
                 self._network.notify(self, platform, notify)
 
     def on_structure(self, platform: str, reply: StructureReply | None) -> None:
-        """The answer, or that there is none."""
+        """Takes the reply, or None if the platform did not answer."""
         if self.tree is not None:
             self.do(partial(self.tree.on_structure, platform, reply, self._network.now_ns))
 
     def on_subscribed(self, platform: str, reply: SubscribeReply | None, asked: int) -> None:
-        """The answer, or that there is none."""
+        """Takes the reply, or None if the platform did not answer."""
         if self.tree is not None:
             self.do(partial(self.tree.on_subscribed, platform, reply, asked, self._network.now_ns))
 

@@ -52,7 +52,7 @@ def checks_of(name: str, *, has_copies: bool = False) -> SignatureChecks:
 
 
 class Member:
-    """Sends beacons; one that forges has the name of its victim and a key of its own."""
+    """Sender of beacons; a forger has the name of its victim and a key of its own."""
 
     def __init__(self, name: str, *, key: str = "", session: int = SESSION, host: str = HOST) -> None:
         self.name = name

@@ -1,4 +1,4 @@
-"""Which datagrams cost cryptography: those of members; of others no more than a budget."""
+"""Datagrams of members are always decrypted, datagrams of others only within a budget."""
 
 from swarmd.broker.core.membership.datagram_limiter import (
     ALL_FAILURES_S,

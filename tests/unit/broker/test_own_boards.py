@@ -19,7 +19,7 @@ NOTE: Final = data_id(PATH, "Note")
 
 
 class Rig:
-    """The boards of a node, and one that another module writes."""
+    """The boards of a node, and a board that another module writes."""
 
     def __init__(self, node: Node) -> None:
         self.published = PublishedBoards()

@@ -75,7 +75,7 @@ def test_what_was_advertised_bounds_what_is_taken_later(routing: RoutingTable) -
     # as long as the way it was, or longer: it may lead through us
     assert routing.on_rows(B, [(FAR, 7, 768)], 1) == []
     assert routing.on_rows(B, [(FAR, 6, 1)], 1) == []
-    # a shorter one cannot, and neither can one that is newer
+    # a shorter route cannot lead back, nor can a newer one
     assert routing.on_rows(B, [(FAR, 7, 767)], 1) == [RouteChanged(FAR, B)]
 
 

@@ -15,7 +15,7 @@ SOCKETS = 8
 
 @asynccontextmanager
 async def watched(take: Callable[[Socket], None]) -> AsyncIterator[tuple[ZmqSocket, Socket]]:
-    """A watched socket, and one that sends to it."""
+    """A watched socket, and a socket that sends to it."""
     context = make_context(SOCKETS)
     receiver, sender = context.socket(zmq.PULL), context.socket(zmq.PUSH)
     port = receiver.bind_to_random_port("tcp://127.0.0.1")

@@ -20,7 +20,7 @@ KP, KI = "/uav1/config/navigator/kp", "/uav1/config/navigator/ki"
 
 
 class Owner(ScriptedSession):
-    """A platform with two settings; `refuses` is one that its owner refuses to set."""
+    """A platform with two settings; its owner refuses to set the setting `refuses`."""
 
     def __init__(self, refuses: str = "", **options: Any) -> None:
         entries = tuple(

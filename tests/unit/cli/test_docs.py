@@ -1,4 +1,4 @@
-"""`swarmctl docs`: the page that is opened, and the message where there is none."""
+"""`swarmctl docs` opens the page, or prints a message if the page is missing."""
 
 import json
 import pydoc

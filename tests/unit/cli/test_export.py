@@ -38,7 +38,7 @@ LOCATION = "foxglove.LocationFix"
 
 @registry.register
 class Sighting(msgspec.Struct, frozen=True):
-    """A type of a module's own, whose names on the wire are those of another program."""
+    """A type of a module's own, whose names on the wire come from another program."""
 
     count: int
     species: str = msgspec.field(name="class")

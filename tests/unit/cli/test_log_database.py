@@ -1,4 +1,4 @@
-"""Which database `swarmctl log` reads: the one that was asked for, else the one the logs go to."""
+"""`swarmctl log` reads the requested database, or by default the database that the logs are forwarded to."""
 
 import stat
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Lines of `mission watch`: a change of state or block is one, progress within a block is none."""
+"""`mission watch` prints a line for each change of state or block, and none for progress within a block."""
 
 import io
 

@@ -1,4 +1,4 @@
-"""The health of a platform with several computers is that of the worst of them."""
+"""The worst computer of a platform decides the health of the platform."""
 
 from typing import Any
 

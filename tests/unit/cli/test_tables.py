@@ -443,7 +443,7 @@ entries = (
 export(entries, sys.argv[1], sys.argv[2])
 print(int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]) // 1024)
 """
-"""Exports entries and prints the peak of its memory in MB; `ru_maxrss` begins with that of the parent."""
+"""Exports entries and prints the peak of its memory in MB (`ru_maxrss` would include the parent)."""
 
 
 @pytest.mark.parametrize("type_name", ["Pose", "Unheard"])

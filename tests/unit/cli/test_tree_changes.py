@@ -125,7 +125,7 @@ async def test_rule_is_shown_with_its_limits() -> None:
 
 
 class Swarm(ScriptedSession):
-    """Three nodes; those of `having` have the setting, those of `changed` a change of it to undo."""
+    """Three nodes: the nodes in `having` have the setting, the nodes in `changed` a change of it to undo."""
 
     def __init__(self, having: Set[str], changed: Set[str], node: str) -> None:
         super().__init__({}, node=node)

@@ -16,7 +16,7 @@ PLAIN = RadioModel(description="no limit", multicast_rate_bit_s=1e9)
 
 
 def frame(receiver: int | None, size: int = 1000, text: bytes = b"") -> bytes:
-    """An Ethernet frame to a node; None: to all."""
+    """An Ethernet frame to a node, or to all nodes if `receiver` is None."""
     address = BROADCAST if receiver is None else ethernet_address(receiver)
     return (address + bytes(6) + b"\x08\x00" + text).ljust(size, b"\0")
 

@@ -28,7 +28,7 @@ data = st.one_of(st.binary(max_size=120), frames.map(encode))
 
 
 async def feed(node: Node, sent: list[bytes]) -> None:
-    """Another process of the node sends these messages, then one that is taken."""
+    """Another process of the node sends these messages, then a valid message."""
     taken: list[int] = []
     last = asyncio.Event()
 

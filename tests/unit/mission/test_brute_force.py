@@ -133,7 +133,7 @@ class Model:
         new = [(head, source if self._blocks[head]["type"] == "Join" else "") for head in heads]
         twice = {self._blocks[place[0]]["type"] for place in new if place in rest}
         self._wrong |= bool(twice & {"Wait", "Join"})
-        # a block that takes no time is left before the second token comes: this order is none
+        # a block that takes no time is left before the second token comes, so this order is impossible
         return rest | frozenset(new) if twice <= {"Wait", "Join", "End"} else None
 
 

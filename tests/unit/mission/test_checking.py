@@ -25,7 +25,7 @@ from swarmware.types.mission import MissionFile, ParamValue
 T = TypeVar("T")
 
 LAG_S = 1.0
-"""Far above the processor time of a quick check, far below that of a full one."""
+"""Far above the processor time of a quick check, far below the time of a full check."""
 PATIENCE_S = 600.0
 """Instead of the time-out of a check: a busy computer starts its process late; findings are judged here."""
 

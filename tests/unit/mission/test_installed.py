@@ -1,4 +1,4 @@
-"""The catalogue of installed block types: those of packages beside the built-in ones."""
+"""The catalogue of installed block types has the types of packages beside the built-in ones."""
 
 import logging
 import re

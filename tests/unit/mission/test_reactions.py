@@ -383,7 +383,7 @@ def test_a_reaction_ends_a_running_mission() -> None:
     m = Member1()
     m.order()
     assert words(m.core.on_reaction("battery low", "land", S)) == ["state:ending", "cancel 1"]
-    # a weaker one that comes while the mission ends changes nothing, a stronger one does
+    # while the mission ends, a weaker reaction changes nothing, but a stronger one does
     m.core.on_reaction("fence", "hold", S)
     m.core.on_ended(1, result("cancelled"), "", S)
     assert (m.phase, m.core.state().mission) == ("recovering", "land")

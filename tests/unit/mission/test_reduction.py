@@ -34,7 +34,7 @@ def verdict(remarks: list[Remark]) -> set[tuple[str, str]]:
 
 
 def both(text: str) -> tuple[set[tuple[str, str]], set[tuple[str, str]]] | None:
-    """What is found in the whole net and in the reduced one; None: nothing to compare."""
+    """Findings in the whole net and in the reduced one, or None if there is nothing to compare."""
     mission = read(text, "m.json", HERE).mission
     assert mission is not None
     if instants.check(mission):

@@ -32,7 +32,7 @@ SEGMENT = 16_000
 """Larger than what is written: one segment, with little room at its end."""
 UTC = 1_700_000_000_000_000_000
 STEP = cases([12], [4])[-1]
-"""Bytes from one that is damaged to the next; of the first four, each may be the first one."""
+"""Distance from a damaged byte to the next; the first damaged byte is one of the first four."""
 
 
 def write(directory: Path, *, end: bool = True, count: int = COUNT) -> Path:

@@ -1,4 +1,4 @@
-"""The ciphers and signatures of libsodium, compared with those of OpenSSL."""
+"""The ciphers and signatures of libsodium, compared with OpenSSL."""
 
 import hashlib
 

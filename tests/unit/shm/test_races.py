@@ -54,7 +54,7 @@ def test_writer_beaten_to_new_ring_learns_it(tmp_path: Path, monkeypatch: pytest
     faster: list[RingWriter] = []
 
     def another_process() -> None:
-        # the first lock is that of the unfinished file: take it out of the way as its renaming would
+        # the first lock is on the unfinished file: remove the file, as its renaming would
         path.with_name("a.ring.new").unlink()
         faster.append(RingWriter(path, slots=4, slot_bytes=64))
 

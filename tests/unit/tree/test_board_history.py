@@ -184,7 +184,7 @@ def test_former_values_follow_on_busy_board() -> None:
     feed = board()
     cut(feed)
     followed = []
-    for first in range(1, 31, 3):  # the round trip is that of three values
+    for first in range(1, 31, 3):  # a round trip takes as long as three values
         write(feed, first, first + 2)
         feed.on_acknowledged((), 0)
         followed += [sequence for _, sequence in drained(feed, first * S, first * S)]

@@ -1,4 +1,4 @@
-"""Values of the other computers of a platform are counted with their delays, those of other platforms not."""
+"""Values of other computers of this platform are counted with their delays; other platforms are ignored."""
 
 import pytest
 
@@ -15,7 +15,7 @@ def item(path: str, stamp_ns: int, size: int = 10) -> TreeItem:
 
 
 def to_local(hardware: int, stamp_ns: int) -> int | None:
-    """The clock of hardware 5 is 100 ms ahead; that of any other is not known."""
+    """The clock of hardware 5 is 100 ms ahead; any other clock is not known."""
     return stamp_ns - 100 * MS if hardware == 5 else None
 
 

@@ -1,4 +1,4 @@
-"""Types at the tree: the common ones, those of running applications, those that were kept."""
+"""The tree knows the common types, the types of running applications, and types that it has kept."""
 
 import msgspec
 import pytest
