@@ -50,7 +50,7 @@ ARCHITECTURE = HERE / "architecture.md"
 ROOT = HERE.parent.parent
 PACKAGES = ("lib/swarmware", "daemons/swarmd", "cli/swarmctl", "cli/swarmlab")
 SOURCES = ("S0", "S1", "S2", "S3", "S4")
-"""Of the capabilities on the page of requirements."""
+"""Sources of the capabilities on the page of requirements."""
 
 _PACKAGES = re.compile(r"(<!-- packages: [^>]*-->\n)(.*?)(<!-- end of packages -->)", re.DOTALL)
 _FIGURES = re.compile(r"(<!-- figures: [^>]*-->\n)(.*?)(<!-- end of figures -->)", re.DOTALL)
@@ -59,62 +59,80 @@ _STATES = re.compile(r"(<!-- states: [^>]*-->\n)(.*?)(<!-- end of states -->)", 
 
 _HEAD = """# swarmctl
 
-One command for the whole swarm. `make docs` generates this page from the help texts;
-a test compares the two.
+`swarmctl` is the one command for the whole swarm. This page lists all its commands with their options.
+`make docs` generates it from the help texts, and a test compares the two.
 
-stdout is the result, stderr the messages. `-o FORMAT` is accepted by every command:
+## Results
+
+stdout is the result, and stderr has the messages. Every command accepts `-o FORMAT`:
 
 | format | result |
 |---|---|
 | `table` | a table, with colours on a terminal |
 | `wide` | the table with all its columns |
-| `json` (or `--json`) | one JSON document per call; JSON Lines where the result is continuous |
+| `json` (or `--json`) | one JSON document per call; JSON Lines if the result is continuous |
 | `jsonl` | JSON Lines: one document per item of a list |
 | `yaml` | YAML documents |
 
-Every JSON document and line has a `schema_version`; `share/swarm/schemas/swarmctl/` has the JSON Schema of
+Every JSON document and line has a `schema_version`. `share/swarm/schemas/swarmctl/` has the JSON Schema of
 each command, also of the lines on stderr (`message.schema.json`): with a structured result errors, warnings
-and messages are JSON, too. Instants and durations in nanoseconds (`…_ns`) and 64-bit identities are text, and
-so is every other integer beyond 2^53, which a reader with double precision would change.
+and messages are JSON, too. Instants and durations in nanoseconds (`…_ns`) and 64-bit identities are text.
+Every other integer beyond 2^53 is text as well, because a reader with double precision would change it.
 
-Control characters of values, names and reasons, also invisible ones and those that change the direction of
-text, are shown as escape sequences, `\\x1b`, `\\n` or `\\u202e`; JSON and YAML have them as `\\u009b`. Result
-files (`--out`, `tree dump`) have them as they are, except on a terminal.
+Control characters of values, names and reasons are shown as escape sequences, `\\x1b`, `\\n` or `\\u202e`,
+also invisible characters and characters that change the direction of text. JSON and YAML have them as
+`\\u009b`. Result files (`--out`, `tree dump`) have them unchanged, except on a terminal.
 
-A command joins the node that `--config DIR` names, else the
-ground station of the lab that `--lab NAME` names, else the node of `SWARM_CONFIG` (which daemons and modules
-read, too), else the ground station of a running lab, else `/etc/swarm`; `--node PLATFORM` selects the
-platform of the request. Every other option is also read from the environment: `SWARMCTL_NODE`,
-`SWARMCTL_JSON` … A variable that is set and empty counts as not set; an empty `--node ""` on the command line
-is refused.
+## Node and environment
+
+A command joins the first node that applies:
+
+1. the node that `--config DIR` names,
+2. the ground station of the lab that `--lab NAME` names,
+3. the node of `SWARM_CONFIG`, which daemons and modules read, too,
+4. the ground station of a running lab,
+5. the node of `/etc/swarm`.
+
+`--node PLATFORM` selects the platform of the request. Every other option is also read from the environment:
+`SWARMCTL_NODE`, `SWARMCTL_JSON` … A variable that is set and empty counts as not set. An empty `--node ""` on
+the command line is refused.
+
+## Several nodes
 
 Every command that takes nodes takes several: `-n uav1,uav2`, `-n uav1 -n uav2`, `-n 'uav*'`, `-n 'uav{1,3}'`,
-`--all` (the same as `-n '*'`). A selection is what stands between the braces of a
+`--all` (the same as `-n '*'`). A selection is the text between the braces of a
 [path pattern](reference/paths.md); each of its parts must match a known platform. Arguments `PLATFORM…` have
-the same form, and go before `--node`. The command runs at all selected nodes at the same time and prints one
-result: a table with the column NODE, in which a node that failed has its error in its row. As a document it
-is [`nodes.schema.json`](reference/documents.md): a list with the platform, the document of the command as for
-one node, the error and the exit code of each. One name prints the document of the command itself. Commands
-whose own document has a platform per item (`node ls`, `health ls`, `app ls`, `topo`, `tree`, `log`, those
-that move vehicles) keep it. Where a confirmation is needed there is one, which names all nodes. The exit code
-is 0 when all nodes succeeded, 3 when some failed, else that of the failure, or 1 where they failed
-differently.
+the same form, and precede `--node`.
+
+The command runs at all selected nodes at the same time and prints one result: a table with the column NODE,
+in which a node that failed has its error in its row. As a document the result is
+[`nodes.schema.json`](reference/documents.md): a list with the platform, the document of the command as for
+one node, the error and the exit code of each. With one name the command prints its own document. Commands
+whose own document has a platform per item (`node ls`, `health ls`, `app ls`, `topo`, `tree`, `log`, and the
+commands that move vehicles) keep it. If a confirmation is needed, one question names all nodes.
 `mission start` acts through one ground station, and `kill` on one vehicle.
+
+## Exit codes
 
 | exit code | means |
 |---|---|
 | 0 | done |
 | 1 | failed |
 | 2 | usage |
-| 3 | partial: some members did not, or data was lost |
+| 3 | partial: some members did not succeed, or data was lost |
 | 4 | no answer in time |
 | 5 | denied |
 | 6 | not found |
 | 7 | invalid input: a file, a value, a mission |
 | 130 | interrupted |
 
-`swarmctl doctor` exits with 0 healthy, 1 warnings, 2 errors.
-`eval "$(swarmctl completion bash)"` completes words; zsh and fish too.
+With several nodes the exit code is 0 if all nodes succeeded, and 3 if some failed. If all failed, it is the
+code of the failure, or 1 if they failed differently. `swarmctl doctor` exits with 0 healthy, 1 warnings,
+2 errors.
+
+## Completion
+
+`eval "$(swarmctl completion bash)"` completes words; zsh and fish are supported, too.
 """
 
 
@@ -196,7 +214,7 @@ incompatible change of a type needs a new name.
 | `text` | string, UTF-8 |
 | `bytes` | binary |
 | `[T]` | array of any length |
-| `[T, U]` | array of exactly these |
+| `[T, U]` | array of exactly these items |
 | `{T: U}` | map |
 | `T?` | T or nil |
 | `"a" \\| "b"` | string; an unknown value is kept unchanged, except for levels and phases of health |

@@ -22,8 +22,8 @@ SLOTS = 6
 """Slots of a formation that the page shows."""
 VARIABLE_MEANING = {
     "id": "name of the platform; also `$mavid`, as in published missions",
-    "kind": "its kind: `uav`, `ugv`, `usv` or `gcs`",
-    "role": "its role; `all` in a mission of a single file",
+    "kind": "kind of the platform: `uav`, `ugv`, `usv` or `gcs`",
+    "role": "role of the platform; `all` in a mission of a single file",
     "mission": "name of the mission",
 }
 COMPARISONS = {
@@ -65,21 +65,21 @@ def _file_keys(found: tuple[FileKey, ...]) -> str:
 
 def _mission_file() -> str:
     return (
-        "\n## A role's file (BDL)\n\nAt the top:\n\n"
+        "\n## A role's file (BDL)\n\nKeys at the top of the file:\n\n"
         + _file_keys(MISSION_KEYS)
         + f"\n`on_failure` is {', '.join(f'`{name}`' for name in ON_FAILURE)}.\n\n"
-        + "Of each block, beside its parameters:\n\n"
+        + "Keys of each block, beside its parameters:\n\n"
         + _file_keys(BLOCK_KEYS)
         + f"\n`timeout_s` is above 0 and at most {TIMEOUT_LIMIT_S:.0f}, `timeout` from {TIMEOUT_MIN_MS:.0f} "
-        f"to {TIMEOUT_LIMIT_S * 1000:.0f}; only one of them is given. Successors for single errors are named "
-        "in `on` by the error, such as `blocked`, or as `error:blocked`.\n"
+        f"to {TIMEOUT_LIMIT_S * 1000:.0f}; only one of the two is given. Successors for single errors are "
+        "named in `on` by the error, such as `blocked`, or as `error:blocked`.\n"
     )
 
 
 def _variables() -> str:
     rows = [row(f"`${name}`", VARIABLE_MEANING[name]) for name in VARIABLES]
     return (
-        "\n## Variables\n\nIn every text of a role's file:\n\n"
+        "\n## Variables\n\nEvery text of a role's file may contain these variables:\n\n"
         + head("variable", "value")
         + "".join(rows)
         + row("`$param.<name>`", "parameter of the file; a text that consists of it alone gets its type")
@@ -119,11 +119,11 @@ def _timeout(block: BlockType) -> str:
     if block.timeout_s is not None:
         longer = " + its duration" if "lasts_s" in vars(block.params) else ""
         return f"{block.timeout_s:g} s{longer}"
-    return "none" if block.can_time_out else "none; it cannot time out"
+    return "none" if block.can_time_out else "none, because it cannot time out"
 
 
 def _no_errors(block: BlockType) -> str:
-    return "those of its program" if block.can_fail else "none; it cannot fail"
+    return "errors of its program" if block.can_fail else "none, because it cannot fail"
 
 
 def _conditions() -> str:

@@ -50,7 +50,7 @@ def head(*names: str) -> str:
 
 
 def keys(cls: type[msgspec.Struct], prefix: str = "") -> Iterator[Key]:
-    """Every key of a table of a configuration file, those of the tables inside it too."""
+    """Every key of a table of a configuration file, including keys of the tables inside it."""
     for one in described_keys(cls):
         name = f"{prefix}{one.name}"
         yield Key(name, one.type, one.unit, _default(one), one.limits, one.meaning)
@@ -176,7 +176,7 @@ def units() -> str:
 DRIVERS = {
     DriveMode.AUTO: "navigator, by its goal",
     DriveMode.MANUAL: "the operator who has the stick",
-    DriveMode.HOLD: "no source: the vehicle holds",
+    DriveMode.HOLD: "no driver: the vehicle holds",
     DriveMode.PILOT: "the safety pilot; without its set-points the vehicle holds",
 }
 
@@ -187,7 +187,7 @@ def modes() -> str:
     for mode in DriveMode:
         decisions = [DECISIONS[mode, source].value for source in Source]
         out.append(row(f"`{mode}`", DRIVERS[mode], *decisions))
-    out += ["\nThe mode after each event; `refused`: the event changes nothing.\n\n"]
+    out += ["\nThe mode after each event. `refused` means that the event changes nothing.\n\n"]
     out.append(head("event", *(f"in `{mode}`" for mode in DriveMode), "meaning"))
     meanings = field_docs(control)
     for event in DriveEvent:
@@ -217,4 +217,4 @@ REFERENCE = {
     HERE / "exit-codes.md": exit_codes,
     HERE / "library.md": units,
 }
-"""What of each page is made from the code."""
+"""Functions that make the generated part of each page."""

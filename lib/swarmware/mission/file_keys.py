@@ -29,17 +29,17 @@ MISSION_KEYS: Final = (
         "`[]`",
         "Conditions that must hold before the start; evaluated again every second during the mission.",
     ),
-    FileKey("on_failure", "string", '`"land"`', "Built-in mission that runs when this one fails."),
+    FileKey("on_failure", "string", '`"land"`', "Built-in mission that runs when this mission fails."),
     FileKey(
         "on_link_loss",
         "string",
         "setting `mission/link_loss` of the platform",
-        "What the vehicle does when it has lost the link to every ground station: `continue`, or the "
-        "built-in mission `hold`, `return` or `land`, which ends this one.",
+        "Action when the vehicle has lost the link to every ground station: `continue`, or the "
+        "built-in mission `hold`, `return` or `land`, which ends this mission.",
     ),
-    FileKey("title", "string", "", "For readers: what the mission does."),
-    FileKey("comment", "string", "", "For readers."),
-    FileKey("$schema", "string", "", "For editors: address of the JSON Schema."),
+    FileKey("title", "string", "", "Text for readers about the purpose of the mission."),
+    FileKey("comment", "string", "", "Comment for readers."),
+    FileKey("$schema", "string", "", "Address of the JSON Schema, for editors."),
 )
 """Keys at the top of a mission file."""
 
@@ -49,7 +49,7 @@ BLOCK_KEYS: Final = (
         "next",
         "string, of a Fork an array of strings",
         "required, except of an End",
-        "Block that follows when this one has completed; of a Fork all blocks that it starts.",
+        "Block that follows when this block has completed; for a Fork, all blocks that it starts.",
     ),
     FileKey("timeout_s", "number", "of the type", "Time-out in seconds."),
     FileKey("timeout", "number", "of the type", "Time-out in milliseconds, as in published BDL."),
@@ -62,13 +62,11 @@ BLOCK_KEYS: Final = (
         "cases",
         "array of objects",
         "required of a Decision",
-        'Of a Decision: `{"if": "<condition>", "next": "<block>"}`, of which the first that holds is taken.',
+        'Branches `{"if": "<condition>", "next": "<block>"}`: the first whose condition holds is taken.',
     ),
-    FileKey(
-        "nextIfTrue", "string", "required of a DecisionRandom", "Of a DecisionRandom: the first successor."
-    ),
-    FileKey("nextIfFalse", "string", "required of a DecisionRandom", "Of a DecisionRandom: the other one."),
-    FileKey("title", "string", "", "For readers."),
-    FileKey("comment", "string", "", "For readers."),
+    FileKey("nextIfTrue", "string", "required of a DecisionRandom", "First successor of a DecisionRandom."),
+    FileKey("nextIfFalse", "string", "required of a DecisionRandom", "Second successor of a DecisionRandom."),
+    FileKey("title", "string", "", "Title for readers."),
+    FileKey("comment", "string", "", "Comment for readers."),
 )
 """Keys that blocks have beside their parameters."""

@@ -62,7 +62,7 @@ class Manifest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     name: Name
     """Name of the mission."""
     title: str = ""
-    """For operators: what the mission does."""
+    """Text for operators about the purpose of the mission."""
     roles: Annotated[tuple[RoleSpec, ...], msgspec.Meta(min_length=1)]
     """Roles are assigned in this order, to platforms in natural order of their names (uav2 before uav10)."""
     params: dict[str, ParamValue] = {}
