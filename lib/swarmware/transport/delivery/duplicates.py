@@ -4,6 +4,8 @@ from collections import OrderedDict
 from enum import Enum
 from typing import Final
 
+from swarmware.transport.retransmission.received_numbers import ReceivedNumbers
+
 SPAN_BITS: Final = 10
 """Sequences are stored as one bit each, 1 024 in a span."""
 SPANS: Final = 1024
@@ -31,11 +33,11 @@ class DuplicateState(Enum):
     """Answered, but the answer is no longer cached."""
 
 
-class _Span:
-    __slots__ = ("bits", "touched_ns")
+class _Span(ReceivedNumbers):
+    __slots__ = ("touched_ns",)
 
-    def __init__(self) -> None:
-        self.bits = 0
+    def __init__(self, floor: int) -> None:
+        super().__init__(floor)
         self.touched_ns = 0
 
 
@@ -85,7 +87,7 @@ class DuplicateFilter:
         spans = self._senders.get(hardware)
         place = (application, data, sequence >> SPAN_BITS)
         span = None if spans is None else spans.get(place)
-        if spans is None or span is None or not span.bits >> (sequence & _MASK) & 1:
+        if spans is None or span is None or sequence not in span:
             return None
         self.duplicates += 1
         # a message that is still retransmitted must stay known
@@ -125,8 +127,8 @@ class DuplicateFilter:
         place = (application, data, sequence >> SPAN_BITS)
         span = spans.get(place)
         if span is None:
-            span = spans[place] = _Span()
-        span.bits |= 1 << (sequence & _MASK)
+            span = spans[place] = _Span(sequence >> SPAN_BITS << SPAN_BITS)
+        span.add(sequence)
         self._touch(hardware, spans, place, span)
         oldest_ns = self._now_ns - self._hold_ns
         while len(spans) > self._spans or next(iter(spans.values())).touched_ns <= oldest_ns:
@@ -146,6 +148,3 @@ class DuplicateFilter:
             if newest.touched_ns > oldest_ns and len(self._senders) < self._senders_limit:
                 return
             self._senders.popitem(last=False)
-
-
-_MASK: Final = (1 << SPAN_BITS) - 1

@@ -8,6 +8,7 @@ import msgspec
 
 from swarmware.errors import InvalidInput
 from swarmware.model.digest import blake2b
+from swarmware.transport.retransmission.received_numbers import ReceivedNumbers
 from swarmware.transport.sodium import KEY_BYTES, SealKey
 
 REPLAY_WINDOW: Final = 64
@@ -83,32 +84,24 @@ class Sealer:
 class ReceivedSession:
     """Opens the datagrams of one session of a sender, and refuses those whose numbers were taken."""
 
-    __slots__ = ("_open", "_seen", "_top", "_window", "number")
+    __slots__ = ("_open", "_taken", "number")
 
     def __init__(self, number: int, key: SealKey, window: int = REPLAY_WINDOW) -> None:
         self.number = number
         self._open = key.open
-        self._top = -1
-        self._seen = 0
-        self._window = window
+        self._taken = ReceivedNumbers(span=window)
 
     def open(self, sender_hw: int, sequence: int, clear: bytes, box: bytes) -> Opened | Refusal:
         """The body, or why it is refused: forged or replayed. Its number stays unused until `take`."""
-        ahead = sequence - self._top
         # Before the decryption, which costs far more than the check of the window.
-        if ahead <= 0 and (ahead <= -self._window or self._seen >> -ahead & 1):
+        if sequence in self._taken:
             return Refusal.REPLAYED
         body = self._open(_NONCE.pack(sender_hw, sequence), box, clear)
         return Refusal.FORGED if body is None else Opened(body, self.number)
 
     def take(self, sequence: int) -> None:
         """Refuses this number from now on: the datagram that was opened with it is genuine."""
-        ahead, window = sequence - self._top, self._window
-        if ahead > 0:
-            self._seen = (self._seen << ahead | 1) & ((1 << window) - 1) if ahead < window else 1
-            self._top = sequence
-        elif ahead > -window:
-            self._seen |= 1 << -ahead
+        self._taken.add(sequence)
 
 
 class Opener:

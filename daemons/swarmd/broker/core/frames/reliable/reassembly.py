@@ -4,6 +4,7 @@ from typing import Final
 
 from swarmd.broker.core.frames.reliable.packet import Piece
 from swarmware.errors import WireError
+from swarmware.transport.retransmission.received_numbers import ReceivedNumbers
 
 SPAN_MAX: Final = 4096
 """Messages between the first incomplete one and the newest one that has begun."""
@@ -25,8 +26,7 @@ class Reassembly:
     """Incomplete messages, and the numbers of complete ones."""
 
     def __init__(self) -> None:
-        self._floor = 0
-        self._complete: set[int] = set()
+        self._complete = ReceivedNumbers()
         self._partial: dict[int, _Partial] = {}
         self._bytes = 0
 
@@ -41,15 +41,10 @@ class Reassembly:
 
     def on_floor(self, floor: int) -> None:
         """The sender has completed all messages before this one."""
-        if floor <= self._floor:
-            return
-        if floor - self._floor > SPAN_MAX:
-            self._complete.clear()
-        else:
-            self._complete.difference_update(range(self._floor, floor))
-        for number in [number for number in self._partial if number < floor]:
-            self._drop(number)
-        self._floor = floor
+        if floor > self._complete.floor:
+            self._complete.raise_floor(floor)
+            for number in [number for number in self._partial if number < floor]:
+                self._drop(number)
 
     def on_piece(self, piece: Piece) -> bytes | None:
         """A piece arrived; the message that it completes.
@@ -57,10 +52,11 @@ class Reassembly:
         Raises: WireError for a piece that does not fit the others of its message.
         """
         number = piece.message
-        if number < self._floor or number in self._complete:
+        if number in self._complete:
             return None
-        if number - self._floor > SPAN_MAX:
-            raise WireError(f"message {number}: more than {SPAN_MAX} after the incomplete one {self._floor}")
+        floor = self._complete.floor
+        if number - floor > SPAN_MAX:
+            raise WireError(f"message {number}: more than {SPAN_MAX} after the incomplete one {floor}")
         if len(piece.data) == piece.total:
             self._complete.add(number)
             return piece.data
