@@ -53,7 +53,7 @@ def test_target_is_replaced_when_neighbour_announces_another_port() -> None:
 def test_target_takes_host_of_chosen_medium() -> None:
     cell = Cell()
     cell.announce()
-    targets = LinkTargets(cell.neighbours, cell.nodes, lambda hw: f"192.168.0.{hw}")
+    targets = LinkTargets(cell.neighbours, cell.nodes, lambda neighbour: f"192.168.0.{neighbour.hw}")
     found = targets.find(UAV2)
     assert found is not None and found.host == f"192.168.0.{UAV2}"
 

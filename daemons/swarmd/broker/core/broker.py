@@ -42,7 +42,13 @@ from swarmd.broker.core.membership.signatures.own_signatures import OwnSignature
 from swarmd.broker.core.membership.signatures.signature_checks import CheckedDatagram, SignatureFault
 from swarmd.broker.core.reports.report import NetReport, PublishTables
 from swarmd.broker.core.swarm.clock_batches import ClockBatches
-from swarmd.broker.core.swarm.media.medium_table import ByMedium, MediumTable, media_of, transport_of
+from swarmd.broker.core.swarm.media.medium_table import (
+    ByMedium,
+    MediumTable,
+    connection_host,
+    media_of,
+    transport_of,
+)
 from swarmd.broker.core.swarm.neighbours.link import LinkChanged, LinkEvent, LinkState
 from swarmd.broker.core.swarm.neighbours.link_targets import LinkTargets
 from swarmd.broker.core.swarm.routes.routing_table import RouteChanged
@@ -118,7 +124,7 @@ class BrokerCore:
             now_ns + former.quiet_ns,
         )
         self._neighbours = topology.neighbours
-        self.media = media_of(identity.hw, config, topology.neighbours.period_ns)
+        self.media = media_of(identity.hw, config, topology.neighbours)
         """The media, where there are several; None: one network."""
         self._protocol = protocol = BeaconProtocol(
             identity,
@@ -138,10 +144,10 @@ class BrokerCore:
         self.channels = protocol.channels
         self.forwarder = FrameForwarder(identity.hw, topology.routing)
         self.targets = LinkTargets(
-            topology.neighbours, protocol.nodes, None if self.media is None else self.media.host, curve_of
+            topology.neighbours, protocol.nodes, None if self.media is None else connection_host, curve_of
         )
         self.other_swarms = OtherSwarms(session)
-        self.report = NetReport(protocol, topology, self.counters, self.other_swarms, now_ns, self.media)
+        self.report = NetReport(protocol, topology, self.counters, self.other_swarms, now_ns)
         self.session = session
         self._sessions = Sessions(identity.hw, session, connections=connections)
         self.signatures = None if signing is None else OwnSignatures(identity.hw, session, signing)
@@ -220,8 +226,6 @@ class BrokerCore:
 
     def _choose_media(self, media: MediumTable, actions: list[Action], now_ns: int) -> None:
         for hw in media.advance(now_ns):
-            if (neighbour := self._neighbours.get(hw)) is not None:
-                neighbour.penalty = media.penalty(hw)
             self._tables_changed = True
             actions.append(MediumChanged(hw))
 
@@ -308,18 +312,18 @@ class BrokerCore:
                 return False, actions
             beacon = self.exchange.without_excluded(beacon)
         if self.media is not None and by is not None:
-            self.media.on_beacon(header, by, address, now_ns)
-            self.media.on_listings(hw, beacon.media, now_ns)
-            address = self.media.address(hw, MAIN) or address
-        received = self._protocol.on_beacon(header, beacon, address, now_ns, checked.proof)
+            main_address = self.media.address_on_main(header, by, address)
+        else:
+            main_address = address
+        received = self._protocol.on_beacon(header, beacon, main_address, now_ns, checked.proof)
         if received is None:
             self.counters.datagram_received(size, UNACCEPTED, transport_of(by))
             return True, actions
         self.counters.datagram_received(size, self.nodes.platform(hw), transport_of(by))
         if self.exchange is not None and beacon.hello is not None:
             self.exchange.on_shown(hw, self.nodes.platform(hw), beacon.hello.roster_version, now_ns)
-        if self.media is not None:
-            self.media.on_reported(hw, received.neighbour.quality_out, now_ns)
+        if self.media is not None and by is not None:
+            self.media.on_beacon(received.neighbour, by, address, beacon.media, now_ns)
         if is_main:
             received.neighbour.by_unicast = not by_multicast
         if received.clock_sample is not None:
@@ -357,7 +361,7 @@ class BrokerCore:
         name = self.nodes.platform(header.sender_hw) if known else UNACCEPTED
         self.counters.datagram_received(size, name, transport_of(by)).duplicates += 1
         if known:
-            media.on_beacon(header, by, address, now_ns)
+            media.on_copy(header.sender_hw, by, address, now_ns)
         return known
 
     def _on_outcome(

@@ -10,7 +10,6 @@ from swarmd.broker.core.beacon_protocol import BeaconProtocol
 from swarmd.broker.core.frames.carrier import LinkQuality
 from swarmd.broker.core.membership.other_swarms import OtherSwarms
 from swarmd.broker.core.swarm.media.medium_link import MediumLink
-from swarmd.broker.core.swarm.media.medium_table import MediumTable
 from swarmd.broker.core.swarm.neighbour import Neighbour
 from swarmd.broker.core.swarm.neighbours.link import LinkState
 from swarmd.broker.core.swarm.topology import Topology
@@ -70,10 +69,7 @@ class NetReport:
         counters: Counters,
         other_swarms: OtherSwarms,
         since_ns: int,
-        media: MediumTable | None = None,
     ) -> None:
-        """`media`: where there are several."""
-        self._media = media
         self._nodes = protocol.nodes
         self._published = protocol.published
         self._channels = protocol.channels
@@ -120,14 +116,10 @@ class NetReport:
             boot_id=hello.boot_id if hello is not None else 0,
             transport=connection,
             multicast=not neighbour.by_unicast,
-            media=self._media_of(neighbour.hw, now_ns),
+            media=tuple(
+                _medium_state(one, one is neighbour.best_link, now_ns) for one in neighbour.media.values()
+            ),
         )
-
-    def _media_of(self, hw: int, now_ns: int) -> tuple[MediumState, ...]:
-        if self._media is None:
-            return ()
-        best = self._media.best(hw)
-        return tuple(_medium_state(one, one is best, now_ns) for one in self._media.links(hw))
 
     def link_qualities(self, now_ns: int) -> list[tuple[int, LinkQuality]]:
         """Quality of the links that are up and measured, by hardware id of the neighbour: where there are
@@ -138,8 +130,7 @@ class NetReport:
             if loss is None:
                 continue
             silence = 1 - min(one.quality, one.reported) / _FULL
-            best = None if self._media is None else self._media.best(one.hw)
-            if best is not None:
+            if (best := one.best_link) is not None:
                 loss = silence = 1 - min(best.quality_in(now_ns), best.quality_out(now_ns)) / _FULL
             found.append((one.hw, LinkQuality(loss, one.rtt_ns, silence)))
         return found

@@ -11,6 +11,7 @@ from typing import Final
 import msgspec
 
 from swarmd.broker.core.beacon.beacon import NEVER_NS, Hello
+from swarmd.broker.core.swarm.media.medium_link import MediumLink
 from swarmd.broker.core.swarm.neighbours import solicited
 from swarmd.broker.core.swarm.neighbours.link import COST_MAX, LinkState, link_cost
 
@@ -86,6 +87,7 @@ class Neighbour:
         "ask_due_ns",
         "asks",
         "asks_needed",
+        "best_medium",
         "by_unicast",
         "clock_us",
         "compared_cost",
@@ -106,7 +108,9 @@ class Neighbour:
         "late",
         "listed_ns",
         "listing_ns",
+        "lists_media",
         "lost",
+        "media",
         "missed",
         "peer",
         "peer_hello",
@@ -145,8 +149,8 @@ class Neighbour:
         """Those of them that it receives with at least WELL."""
         self.hears_badly: dict[int, int] = {}
         """Quality of the others."""
-        self.penalty = 0
-        """Cost that the rate of its medium adds."""
+        self.media: dict[int, MediumLink] = {}
+        """Links by number of their medium, on a node with several media."""
         self.restart(now_ns)
 
     def restart(self, now_ns: int) -> None:
@@ -156,6 +160,13 @@ class Neighbour:
         self.hears.clear()
         self.hears_well.clear()
         self.hears_badly.clear()
+        self.media.clear()
+        self.lists_media = False
+        """It lists the media by which it receives which node, so it has several."""
+        self.best_medium: int | None = None
+        """Number of the medium of its packets, or None if no medium works in both directions."""
+        self.penalty = 0
+        """Cost that the rate of its medium adds."""
         self.period_ns = FIRST_PERIOD_NS
         self.listing_ns = LISTING_NS
         self.answer_ns = 0
@@ -191,6 +202,19 @@ class Neighbour:
         self.echo_sequence = -1
         self.echo_rx_ns = 0
         self.withdrawals = 0
+
+    @property
+    def best_link(self) -> MediumLink | None:
+        """The link over the medium of its packets, on a node with several media."""
+        return None if self.best_medium is None else self.media.get(self.best_medium)
+
+    def is_new(self, sequence: int) -> bool:
+        """Whether a beacon of its session was not received yet over any medium.
+
+        The window of the loss has as many numbers as the replay window of the seals: an older one is refused.
+        """
+        ahead = sequence - self.top
+        return ahead > 0 or (ahead > -LONG_WINDOW and not self.window >> -ahead & 1)
 
     @property
     def quality(self) -> int:

@@ -1,6 +1,6 @@
 """Several media at once: which copies are new, how good each medium is, and which one carries what."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from enum import Enum
 from typing import Final, NamedTuple
 
@@ -14,18 +14,16 @@ from swarmd.broker.core.swarm.media.medium import (
     PERFECT,
     Address,
     MediumProfile,
-    medium_number,
     network_medium,
     serial_medium,
 )
 from swarmd.broker.core.swarm.media.medium_link import MediumLink
+from swarmd.broker.core.swarm.neighbour import Neighbour
+from swarmd.broker.core.swarm.neighbours.neighbour_table import NeighbourTable
 from swarmware.types.net import LinkTransport
 
 HYSTERESIS: Final = 96
 """Required improvement of another medium, as of another next hop."""
-WINDOW: Final = 64
-"""Beacons in which copies are recognised: the replay window of the seals."""
-_WINDOW_MASK: Final = (1 << WINDOW) - 1
 LISTING_NS: Final = 400_000_000
 """Every medium by which a neighbour is received is listed in this period."""
 FORGET_NS: Final = 60_000_000_000
@@ -55,36 +53,23 @@ class ByMedium(NamedTuple):
     number: int
 
 
-class _Neighbour:
-    __slots__ = ("best", "links", "lists", "seen", "session", "top")
-
-    def __init__(self, session: int) -> None:
-        self.session = session
-        self.top = -1
-        self.seen = 0
-        self.links: dict[int, MediumLink] = {}
-        self.best: int | None = None
-        """Number of the medium of its packets."""
-        self.lists = False
-        """It lists media, so it has several."""
-
-
 class MediumTable:
-    """The media of this node, and their links to all neighbours."""
+    """The media of this node, and the choice among them.
+
+    The links over each medium are in the record of the neighbour, as they begin and end with its session.
+    """
 
     def __init__(
         self,
         own_hw: int,
         media: Sequence[MediumProfile],
         link_timeout_ns: int,
-        period_of: Callable[[int], int],
+        neighbours: NeighbourTable,
     ) -> None:
-        """`period_of`: between two beacons of a neighbour, as it declares."""
-        self._period_of = period_of
         self.media = {medium.number: medium for medium in media}
         self._own_hw = own_hw
         self._timeout_ns = link_timeout_ns
-        self._neighbours: dict[int, _Neighbour] = {}
+        self._neighbours = neighbours
         self._listed_ns = NEVER_NS
         self._listed_first = 0
         """Position of the first link in the next listing."""
@@ -93,101 +78,91 @@ class MediumTable:
 
     # input
 
-    def is_first(self, hw: int, session: int, sequence: int) -> bool:
-        """Whether a beacon is new, not a copy of one that came over another medium."""
-        known = self._neighbours.get(hw)
-        if known is None or known.session != session:
-            return True
-        ahead = sequence - known.top
-        return ahead > 0 or (ahead > -WINDOW and not known.seen >> -ahead & 1)
-
     def is_copy(self, header: Header, by: ByMedium) -> bool:
-        """Whether a beacon says nothing new: it came over another medium before, or over a payload link,
+        """Whether a beacon has no new content: it came over another medium before, or over a payload link,
         whose neighbours are those of the other media."""
-        assert header.session is not None
         if by.medium.carries is Carries.PAYLOAD:
             return True
-        return not self.is_first(header.sender_hw, header.session, header.sequence)
+        known = self._neighbours.get(header.sender_hw)
+        return known is not None and known.session == header.session and not known.is_new(header.sequence)
 
-    def on_beacon(self, header: Header, by: ByMedium, address: Address, now_ns: int) -> None:
-        """A beacon of the accepted session of a node."""
-        hw, session, sequence, medium = header.sender_hw, header.session, header.sequence, by.medium.number
-        assert session is not None
-        known = self._neighbours.get(hw)
-        if known is None or known.session != session:
-            known = self._neighbours[hw] = _Neighbour(session)
-        ahead = sequence - known.top
-        if by.medium.carries is not Carries.PAYLOAD:
-            if ahead > 0:
-                known.seen = (known.seen << ahead | 1) & _WINDOW_MASK if ahead < WINDOW else 1
-                known.top = sequence
-            elif ahead > -WINDOW:
-                known.seen |= 1 << -ahead
-        link = known.links.get(medium)
-        if link is None:
-            link = known.links[medium] = MediumLink(self.media[medium], self._timeout_ns)
-        link.on_arrival(by.number, address, self._period_of(hw), now_ns)
+    def address_on_main(self, header: Header, by: ByMedium, address: Address) -> Address:
+        """Address of the sender on the main network, or on the medium of this beacon until it is known."""
+        known = self._neighbours.get(header.sender_hw)
+        if by.medium.number == MAIN_MEDIUM.number or known is None or known.session != header.session:
+            return address
+        link = known.media.get(MAIN_MEDIUM.number)
+        return address if link is None else link.address
 
-    def on_listings(self, hw: int, listings: Iterable[MediumListing], now_ns: int) -> None:
-        """A neighbour says by which media it receives whom."""
+    def on_copy(self, hw: int, by: ByMedium, address: Address, now_ns: int) -> None:
+        """Counts a copy of a beacon for the medium by which it came."""
         known = self._neighbours.get(hw)
-        if known is None:
-            return
+        if known is not None:
+            self._on_arrival(known, by, address, now_ns)
+
+    def on_beacon(
+        self,
+        neighbour: Neighbour,
+        by: ByMedium,
+        address: Address,
+        listings: Iterable[MediumListing],
+        now_ns: int,
+    ) -> None:
+        """Takes the first copy of a beacon, with the media by which its sender receives which nodes."""
+        self._on_arrival(neighbour, by, address, now_ns)
         for listing in listings:
-            known.lists = True
-            link = known.links.get(listing.medium)
+            neighbour.lists_media = True
+            link = neighbour.media.get(listing.medium)
             if listing.hw == self._own_hw and link is not None:
                 link.on_listed(listing.quality, now_ns)
+        if not neighbour.lists_media and (link := neighbour.media.get(MAIN_MEDIUM.number)) is not None:
+            # a node that lists no media has the main network alone: its echoes report the loss there
+            link.on_listed(neighbour.quality_out, now_ns)
 
-    def on_reported(self, hw: int, quality: int, now_ns: int) -> None:
-        """A neighbour reports which share of our beacons it receives, in 1/255; one that lists no media has
-        the main network alone."""
-        known = self._neighbours.get(hw)
-        link = None if known is None or known.lists else known.links.get(MAIN_MEDIUM.number)
-        if link is not None:
-            link.on_listed(quality, now_ns)
+    def _on_arrival(self, neighbour: Neighbour, by: ByMedium, address: Address, now_ns: int) -> None:
+        number = by.medium.number
+        link = neighbour.media.get(number)
+        if link is None:
+            link = neighbour.media[number] = MediumLink(self.media[number], self._timeout_ns)
+        link.on_arrival(by.number, address, neighbour.period_ns, now_ns)
 
     def on_frames(self, hw: int, medium: int, now_ns: int) -> None:
-        """Packets of a neighbour arrived by a medium: its choice for this direction."""
+        """Notes the medium that a neighbour has chosen for its packets to this node."""
         known = self._neighbours.get(hw)
-        link = None if known is None else known.links.get(medium)
+        link = None if known is None else known.media.get(medium)
         if link is not None:
             link.frames_ns = now_ns
 
     def advance(self, now_ns: int) -> list[int]:
         """Chooses the media for packets again; returns the neighbours whose choice has changed."""
         changed: list[int] = []
-        for hw, known in list(self._neighbours.items()):
-            for number, link in list(known.links.items()):
+        for known in self._neighbours.all():
+            for number, link in list(known.media.items()):
                 if link.silent_ns(now_ns) > FORGET_NS:
-                    del known.links[number]
-            if not known.links:
-                del self._neighbours[hw]
+                    del known.media[number]
             best = self._choose(known, now_ns)
-            if best != known.best:
-                known.best = best
-                changed.append(hw)
+            if best != known.best_medium:
+                known.best_medium = best
+                known.penalty = 0 if best is None else self.media[best].rate_penalty
+                changed.append(known.hw)
         return changed
 
-    def _choose(self, known: _Neighbour, now_ns: int) -> int | None:
-        up = [(number, link) for number, link in known.links.items() if link.is_up(now_ns)]
+    def _choose(self, known: Neighbour, now_ns: int) -> int | None:
+        up = [(number, link) for number, link in known.media.items() if link.is_up(now_ns)]
         for wanted in (Carries.PAYLOAD, Carries.ALL, Carries.CONTROL):
             costs = {number: link.cost_out(now_ns) for number, link in up if link.medium.carries is wanted}
             if not costs:
                 continue
             best = min(costs, key=lambda number: costs[number])
-            present = costs.get(known.best) if known.best is not None else None
-            return known.best if present is not None and present <= costs[best] + HYSTERESIS else best
+            present = costs.get(known.best_medium) if known.best_medium is not None else None
+            is_kept = present is not None and present <= costs[best] + HYSTERESIS
+            return known.best_medium if is_kept else best
         return None
 
     def deadline_ns(self, now_ns: int) -> int | None:
-        """When the medium of some packets becomes silent; None: none is used."""
-        used = [
-            known.links[known.best].deadline_ns
-            for known in self._neighbours.values()
-            if known.best is not None and known.best in known.links
-        ]
-        return min((one for one in used if one > now_ns), default=None)
+        """When the medium of some packets becomes silent, or None if no medium is used."""
+        used = [best.deadline_ns for one in self._neighbours.all() if (best := one.best_link) is not None]
+        return min((due_ns for due_ns in used if due_ns > now_ns), default=None)
 
     # output
 
@@ -198,9 +173,9 @@ class MediumTable:
         if not is_due and not self._unlisted:
             return ()
         found = [
-            MediumListing(hw, number, link.quality_in(now_ns))
-            for hw, known in self._neighbours.items()
-            for number, link in known.links.items()
+            MediumListing(known.hw, number, link.quality_in(now_ns))
+            for known in self._neighbours.all()
+            for number, link in known.media.items()
         ]
         if is_due:
             self._listed_ns, self._unlisted = now_ns, len(found)
@@ -214,8 +189,8 @@ class MediumTable:
         """Beacons per second that reach every neighbour by one of its media."""
         rates = [
             max(_beacon_hz(one.medium, datagram_bytes) for one in received)
-            for known in self._neighbours.values()
-            if (received := [link for link in known.links.values() if link.is_received(now_ns)])
+            for known in self._neighbours.all()
+            if (received := [link for link in known.media.values() if link.is_received(now_ns)])
         ]
         if rates:
             return min(rates)
@@ -227,45 +202,23 @@ class MediumTable:
         if known is None:
             return []
         if use is Use.PACKETS:
-            link = known.links.get(known.best) if known.best is not None else None
+            link = known.best_link
             return [] if link is None else [MediumAddress(link.medium, link.address)]
-        up = [one for one in known.links.values() if one.is_up(now_ns)]
+        up = [one for one in known.media.values() if one.is_up(now_ns)]
         fit = [one for one in up if one.medium.carries is not Carries.PAYLOAD] or up
         return [MediumAddress(one.medium, one.address) for one in fit]
 
-    def penalty(self, hw: int) -> int:
-        """What the rate of its medium adds to the cost of a neighbour."""
-        known = self._neighbours.get(hw)
-        if known is None or known.best is None:
-            return 0
-        return self.media[known.best].rate_penalty
 
-    def address(self, hw: int, name: str) -> Address | None:
-        """Address of a neighbour on a medium; None: it was not received by that."""
-        known = self._neighbours.get(hw)
-        link = None if known is None else known.links.get(medium_number(name))
-        return None if link is None else link.address
+def connection_host(neighbour: Neighbour) -> str:
+    """Address to which connections to a neighbour go, or "" if the medium of its packets has none.
 
-    def host(self, hw: int) -> str:
-        """Address to which connections to a neighbour go; empty: the medium of its packets has none.
-
-        As long as none is known to work in both directions, that of its newest datagram: a session is proven
-        over a connection before the neighbour reports anything.
-        """
-        best = self.best(hw)
-        links = self.links(hw) if best is None else [best]
-        hosts = [(link.deadline_ns, link.address[0]) for link in links if link.medium.has_connections]
-        return max(hosts)[1] if hosts else ""
-
-    def links(self, hw: int) -> list[MediumLink]:
-        """The links to a neighbour over all media."""
-        known = self._neighbours.get(hw)
-        return [] if known is None else list(known.links.values())
-
-    def best(self, hw: int) -> MediumLink | None:
-        """The link that carries the packets to a neighbour."""
-        known = self._neighbours.get(hw)
-        return None if known is None or known.best is None else known.links.get(known.best)
+    Until a medium is known to work in both directions, connections go to the source address of the newest
+    beacon: a session is proven over a connection before the neighbour reports any loss.
+    """
+    best = neighbour.best_link
+    links = neighbour.media.values() if best is None else [best]
+    hosts = [(link.deadline_ns, link.address[0]) for link in links if link.medium.has_connections]
+    return max(hosts)[1] if hosts else ""
 
 
 def _beacon_hz(medium: MediumProfile, datagram_bytes: float) -> float:
@@ -274,12 +227,12 @@ def _beacon_hz(medium: MediumProfile, datagram_bytes: float) -> float:
     return BEACON_SHARE * medium.rate_bit_s / (8 * line_bytes(datagram_bytes))
 
 
-def media_of(own_hw: int, config: Config, period_of: Callable[[int], int]) -> MediumTable | None:
-    """The table of a node with several media; None: it has one network."""
+def media_of(own_hw: int, config: Config, neighbours: NeighbourTable) -> MediumTable | None:
+    """The table of a node with several media, or None on a node with one network."""
     if not config.serial and not config.network:
         return None
     media = [MAIN_MEDIUM, *map(network_medium, config.network), *map(serial_medium, config.serial)]
-    return MediumTable(own_hw, media, round(config.link_timeout_s * 1e9), period_of)
+    return MediumTable(own_hw, media, round(config.link_timeout_s * 1e9), neighbours)
 
 
 def transport_of(by: ByMedium | None) -> LinkTransport:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 from typing import Final
 
-from swarmd.broker.core.swarm.neighbour import LinkPeer
+from swarmd.broker.core.swarm.neighbour import LinkPeer, Neighbour
 from swarmd.broker.core.swarm.neighbours.link import LinkState
 from swarmd.broker.core.swarm.neighbours.neighbour_table import NeighbourTable
 from swarmd.broker.core.swarm.node_table import NodeTable
@@ -21,7 +21,7 @@ class LinkTargets:
         self,
         neighbours: NeighbourTable,
         nodes: NodeTable,
-        host_of: Callable[[int], str] | None = None,
+        host_of: Callable[[Neighbour], str] | None = None,
         curve_of: Callable[[str], bytes | None] | None = None,
     ) -> None:
         """`host_of`: address of a neighbour on the medium of its connections, or "" if that medium has none;
@@ -50,7 +50,7 @@ class LinkTargets:
         if neighbour is None or neighbour.hello is None or not neighbour.hello.tcp_port:
             return None
         hello, session = neighbour.hello, neighbour.session
-        host = neighbour.address[0] if self._host_of is None else self._host_of(hw)
+        host = neighbour.address[0] if self._host_of is None else self._host_of(neighbour)
         peer = neighbour.peer
         if (
             peer is not None

@@ -85,10 +85,6 @@ class NeighbourTable:
         """Period in which every neighbour gets an echo, if there is room."""
         return max(LISTING_NS, self.active_count() * LISTING_EACH_NS)
 
-    def period_ns(self, hw: int) -> int:
-        """Declared time between two beacons of a node."""
-        return self._all[hw].period_ns if hw in self._all else FIRST_PERIOD_NS
-
     def usual_period_ns(self) -> int:
         """Median of the periods that the received nodes declare."""
         if self._usual_ns is None:
