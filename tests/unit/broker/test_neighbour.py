@@ -28,7 +28,14 @@ from swarmd.broker.core.swarm.neighbour import (
     MEASURED,
     UNLISTED_SLACK_NS,
 )
-from swarmd.broker.core.swarm.neighbours.link import COST_MAX, TRANSITIONS, LinkChanged, LinkEvent, LinkState
+from swarmd.broker.core.swarm.neighbours.link import (
+    COST_MAX,
+    RECEIVED,
+    TRANSITIONS,
+    LinkChanged,
+    LinkEvent,
+    LinkState,
+)
 from swarmd.broker.core.swarm.neighbours.neighbour_table import (
     FORGET_NS,
     NEIGHBOUR_LIMIT,
@@ -52,13 +59,24 @@ def test_every_transition_leaves_the_state_it_starts_from() -> None:
     assert all(before is not after for (before, _), after in TRANSITIONS.items())
 
 
+def test_life_leads_from_unknown_to_forgotten() -> None:
+    follows = {
+        state: {after for (before, _), after in TRANSITIONS.items() if before is state} for state in LinkState
+    }
+    assert {before for (before, _), after in TRANSITIONS.items() if after is LinkState.UNKNOWN} == set()
+    assert follows[LinkState.FORGOTTEN] == set()
+    assert {before for before, after in follows.items() if LinkState.FORGOTTEN in after} == {LinkState.DOWN}
+    for state in RECEIVED:
+        assert TRANSITIONS[state, LinkEvent.SILENT] is LinkState.DOWN
+
+
 def test_neighbour_is_received_then_up_when_listing_us(table: NeighbourTable, peer: Peer) -> None:
     peer.datagram(0)
     assert peer.is_(LinkState.HEARD)
     peer.datagram(100 * MS, listed(table, 100 * MS))
     assert peer.is_(LinkState.UP)
     assert [(c.before, c.after) for c in peer.changes] == [
-        (LinkState.DOWN, LinkState.HEARD),
+        (LinkState.UNKNOWN, LinkState.HEARD),
         (LinkState.HEARD, LinkState.UP),
     ]
 
@@ -372,8 +390,10 @@ def test_many_silent_neighbours_do_not_overfill_datagram(table: NeighbourTable) 
 def test_a_neighbour_that_stays_away_is_forgotten(table: NeighbourTable, peer: Peer) -> None:
     peer.datagram(0)
     table.advance(2 * SECOND)
-    table.advance(FORGET_NS + 2 * SECOND)
+    neighbour = peer.neighbour
+    assert table.advance(FORGET_NS + 2 * SECOND) == [], "no link changes"
     assert table.get(UAV2) is None
+    assert neighbour.state is LinkState.FORGOTTEN
 
 
 def test_neighbours_beyond_the_limit_are_not_taken(table: NeighbourTable) -> None:

@@ -21,7 +21,7 @@ HW = 7
 
 
 def change(
-    before: LinkState, after: LinkState, event: LinkEvent = LinkEvent.DATAGRAM, worked_ns: int = 0
+    before: LinkState, after: LinkState, event: LinkEvent = LinkEvent.BEACON, worked_ns: int = 0
 ) -> LinkChanged:
     return LinkChanged(HW, before, after, event, worked_ns)
 

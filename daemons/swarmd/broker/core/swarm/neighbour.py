@@ -130,7 +130,7 @@ class Neighbour:
 
     def __init__(self, hw: int, now_ns: int) -> None:
         self.hw = hw
-        self.state = LinkState.DOWN
+        self.state = LinkState.UNKNOWN
         self.since_ns = now_ns
         self.hello: Hello | None = None
         self.address: tuple[str, int] = ("", 0)

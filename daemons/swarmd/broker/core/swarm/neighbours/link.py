@@ -1,4 +1,4 @@
-"""State machine of a link to a neighbour."""
+"""Life cycle of a neighbour: the states of the link to it, and their transitions."""
 
 from enum import IntEnum
 from typing import Final
@@ -10,25 +10,39 @@ class LinkState(IntEnum):
     """State of the two directions of a link."""
 
     DOWN = 0
+    """Silent: beacons arrived before, and none arrives now."""
     HEARD = 1
-    """Received; it has not listed us yet."""
+    """Beacons of its accepted session arrive; it has not listed this node yet."""
     UP = 2
+    """Both directions work: it lists this node as received."""
     HALF_OPEN = 3
-    """Received, but it does not receive us: no route uses the link."""
+    """Beacons arrive, but it does not receive this node: no route uses the link."""
+    UNKNOWN = 4
+    """No beacon of an accepted session has arrived: a new record, for the time of one call."""
+    FORGOTTEN = 5
+    """Silent for so long that its record is removed."""
 
 
 class LinkEvent(IntEnum):
     """Events of a link."""
 
-    DATAGRAM = 1
+    BEACON = 1
+    """A beacon of its accepted session arrived."""
     LISTED = 2
+    """A beacon lists this node as received."""
     UNLISTED = 3
+    """A beacon lists this node as lost, or its listings are overdue."""
     SILENT = 4
+    """Its beacons are overdue."""
     RESTARTED = 5
+    """Another session of it was accepted."""
+    EXPIRED = 6
+    """No beacon arrived for the time in which a silent node is shown."""
 
 
 TRANSITIONS: Final = {
-    (LinkState.DOWN, LinkEvent.DATAGRAM): LinkState.HEARD,
+    (LinkState.UNKNOWN, LinkEvent.BEACON): LinkState.HEARD,
+    (LinkState.DOWN, LinkEvent.BEACON): LinkState.HEARD,
     (LinkState.HEARD, LinkEvent.LISTED): LinkState.UP,
     (LinkState.HALF_OPEN, LinkEvent.LISTED): LinkState.UP,
     (LinkState.HEARD, LinkEvent.UNLISTED): LinkState.HALF_OPEN,
@@ -38,8 +52,14 @@ TRANSITIONS: Final = {
     (LinkState.HEARD, LinkEvent.SILENT): LinkState.DOWN,
     (LinkState.UP, LinkEvent.SILENT): LinkState.DOWN,
     (LinkState.HALF_OPEN, LinkEvent.SILENT): LinkState.DOWN,
+    (LinkState.DOWN, LinkEvent.EXPIRED): LinkState.FORGOTTEN,
 }
-"""All transitions; any other event leaves the state unchanged."""
+"""The whole life of a neighbour; any other event leaves its state unchanged.
+
+A node has no record before its session is accepted: replayed beacons could fill the table with records.
+"""
+RECEIVED: Final = frozenset([LinkState.HEARD, LinkState.UP, LinkState.HALF_OPEN])
+"""States in which the beacons of a neighbour arrive."""
 
 
 class LinkChanged(msgspec.Struct, frozen=True, gc=False):

@@ -18,7 +18,14 @@ from swarmd.broker.core.swarm.neighbour import (
     WINDOW,
     Neighbour,
 )
-from swarmd.broker.core.swarm.neighbours.link import TRANSITIONS, LinkChanged, LinkEvent, LinkState, link_cost
+from swarmd.broker.core.swarm.neighbours.link import (
+    RECEIVED,
+    TRANSITIONS,
+    LinkChanged,
+    LinkEvent,
+    LinkState,
+    link_cost,
+)
 from swarmd.broker.core.swarm.routes.destination_routes import is_much_worse
 
 _PERIOD_MAX_NS: Final = 10_000_000_000
@@ -115,9 +122,9 @@ class NeighbourTable:
             self._event(neighbour, LinkEvent.RESTARTED, rx_ns, changes)
             neighbour.restart(rx_ns)
             self._usual_ns = None
-        if neighbour.state is LinkState.DOWN:
+        if neighbour.state in (LinkState.UNKNOWN, LinkState.DOWN):
             neighbour.revive(rx_ns)
-            self._event(neighbour, LinkEvent.DATAGRAM, rx_ns, changes)
+            self._event(neighbour, LinkEvent.BEACON, rx_ns, changes)
         neighbour.address = address
         neighbour.received_ns = rx_ns
         neighbour.received += 1
@@ -218,13 +225,13 @@ class NeighbourTable:
 
     def advance(self, now_ns: int) -> list[LinkChanged]:
         """Takes links down whose deadline has passed, and counts overdue datagrams."""
-        changes, forgotten = list[LinkChanged](), list[int]()
+        changes = list[LinkChanged]()
         if now_ns >= self.again_ns:
             self.again_ns = FAR_NS  # those that are due later count in `deadline_ns`
-        for neighbour in self._all.values():
+        for neighbour in self.all():  # a copy: expired ones are removed
             if neighbour.state is LinkState.DOWN:
                 if now_ns - neighbour.received_ns > FORGET_NS:
-                    forgotten.append(neighbour.hw)
+                    self._event(neighbour, LinkEvent.EXPIRED, now_ns, changes)
             elif neighbour.is_silent(now_ns):
                 self._to_ask.discard(neighbour.hw)
                 neighbour.withdrawals = WITHDRAWALS
@@ -239,8 +246,6 @@ class NeighbourTable:
                 neighbour.missed = 0 if late_ns < period_ns else min(late_ns // period_ns, WINDOW)
                 if now_ns - max(neighbour.listed_ns, neighbour.since_ns) > _LISTED_NS:
                     self._look_for_listing(neighbour, now_ns, changes)
-        for hw in forgotten:
-            del self._all[hw]
         return changes
 
     def _look_for_listing(self, neighbour: Neighbour, now_ns: int, changes: list[LinkChanged]) -> None:
@@ -382,10 +387,14 @@ class NeighbourTable:
         after = TRANSITIONS.get((neighbour.state, event))
         if after is None:
             return
+        before, neighbour.state = neighbour.state, after
+        if after is LinkState.FORGOTTEN:
+            del self._all[neighbour.hw]  # the link does not change: it has been down for minutes
+            return
         worked_ns = neighbour.listed_ns if event is LinkEvent.UNLISTED else neighbour.received_ns
-        changes.append(LinkChanged(neighbour.hw, neighbour.state, after, event, worked_ns))
-        if LinkState.UP in (after, neighbour.state):
+        changes.append(LinkChanged(neighbour.hw, before, after, event, worked_ns))
+        if LinkState.UP in (after, before):
             self._common_ns = NEVER_NS
-        self._active += (after is not LinkState.DOWN) - (neighbour.state is not LinkState.DOWN)
-        neighbour.state, neighbour.since_ns = after, now_ns
+        self._active += (after in RECEIVED) - (before in RECEIVED)
+        neighbour.since_ns = now_ns
         self._usual_ns = None
