@@ -30,18 +30,16 @@ from swarmd.broker.core.membership.roster.roster_exchange import ApplyRoster, Ro
 from swarmd.broker.core.membership.sessions import (
     AdoptSession,
     ProveSession,
+    ReportDuplicate,
+    ReportDuplicateGone,
     ReportImpersonation,
     SwarmMembership,
 )
 from swarmd.broker.core.reports.report import PublishTables, RefusalLog
+from swarmd.broker.core.swarm.clock_batches import WriteClockSamples
+from swarmd.broker.core.swarm.links.link import LinkChanged, LinkState
 from swarmd.broker.core.swarm.media.medium import MediumProfile
-from swarmd.broker.core.swarm.neighbours.link import LinkChanged, LinkState
-from swarmd.broker.core.swarm.swarm_action import (
-    MediumChanged,
-    ReportDuplicate,
-    ReportDuplicateGone,
-    WriteClockSamples,
-)
+from swarmd.broker.core.swarm.neighbours.medium_table import MediumChanged
 from swarmd.broker.exchange.beacon_transport import FAULTS, BeaconTransport
 from swarmd.broker.exchange.frame_gateway import FrameGateway
 from swarmd.broker.records.conditions import Conditions

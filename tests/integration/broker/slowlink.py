@@ -14,7 +14,7 @@ from typing import Final
 import uvloop
 from tests.integration.broker.swarm import Station, swarm
 
-from swarmd.broker.exchange.zmq_links import SEND_HIGH_WATER
+from swarmd.broker.exchange.carriers.zmq_links import SEND_HIGH_WATER
 from swarmd.tree.core.action import SendNotify
 from swarmd.tree.core.notification.lane import LaneNumber
 from swarmware.model.frame import FrameKind

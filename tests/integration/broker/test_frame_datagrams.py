@@ -15,10 +15,10 @@ from swarmd.broker.core.beacon.beacon import Hello
 from swarmd.broker.core.beacon.hello_schedule import HelloSchedule, Moment
 from swarmd.broker.core.frames.frame_datagram import FRAME, encode_header
 from swarmd.broker.core.frames.reliable.reliable_links import ReliableLinks
-from swarmd.broker.core.swarm.media.medium_table import Use
 from swarmd.broker.core.swarm.neighbour import LinkPeer
-from swarmd.broker.exchange.frame_datagrams import FrameDatagrams
-from swarmd.broker.exchange.zmq_links import ZmqLinks
+from swarmd.broker.core.swarm.neighbours.medium_table import Use
+from swarmd.broker.exchange.carriers.frame_datagrams import FrameDatagrams
+from swarmd.broker.exchange.carriers.zmq_links import ZmqLinks
 from swarmware.errors import Denied, NotFound
 from swarmware.model.frame import Frame
 from swarmware.model.names import data_id

@@ -14,11 +14,12 @@ from tests.integration.broker.swarm import LINE, Station, on_uvloop, swarm
 from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
-from swarmd.broker.core.swarm.media.medium_table import Use
+from swarmd.broker.core.frames.send_queue import QueuedFrame
 from swarmd.broker.core.swarm.neighbour import LinkPeer
-from swarmd.broker.exchange.frame_datagrams import FrameDatagrams
-from swarmd.broker.exchange.zmq_links import ZmqLinks
-from swarmware.model.frame import Frame, FrameKind, decode, encode
+from swarmd.broker.core.swarm.neighbours.medium_table import Use
+from swarmd.broker.exchange.carriers.frame_datagrams import FrameDatagrams
+from swarmd.broker.exchange.carriers.zmq_links import ZmqLinks
+from swarmware.model.frame import FrameKind, decode, encode
 from swarmware.model.names import hardware_id
 from swarmware.transport.delivery import signature
 from swarmware.transport.security.keys import Keys
@@ -66,10 +67,11 @@ async def test_member_speaks_for_no_other_and_repeats_nothing(
     recorded: list[bytes] = []
     send = ZmqLinks.send
 
-    def record(links: ZmqLinks, peer: LinkPeer, data: bytes, frame: Frame) -> object:
+    def record(links: ZmqLinks, peer: LinkPeer, queued: QueuedFrame) -> list[QueuedFrame]:
+        frame = queued.frame
         if peer.platform == "uav1" and frame.kind is FrameKind.MESSAGE and frame.hops_left < 24:
-            recorded.append(data)
-        return send(links, peer, data, frame)
+            recorded.append(queued.data)
+        return send(links, peer, queued)
 
     monkeypatch.setattr(ZmqLinks, "send", record)
     port = free_port()

@@ -9,7 +9,7 @@ from tests.patience import PATIENCE_S
 
 from swarmd.broker.core.beacon.parts.beacon_signature import PART_BYTES
 from swarmd.broker.core.frames.frame_datagram import FRAME_MAX
-from swarmd.broker.core.swarm.neighbours.link import PERFECT, RTT_PENALTY
+from swarmd.broker.core.swarm.links.link import PERFECT, RTT_PENALTY
 from swarmware.errors import InvalidInput, NoAnswer, OutOfRange
 from swarmware.model.frame import HEADER_BYTES, FrameKind
 from swarmware.model.names import join

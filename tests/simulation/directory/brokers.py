@@ -18,7 +18,7 @@ from swarmd.broker.core.broker import Action, BrokerCore
 from swarmd.broker.core.membership.roster.roster_exchange import RosterExchange, SendRoster
 from swarmd.broker.core.membership.sessions import SwarmMembership
 from swarmd.broker.core.membership.signatures.own_signatures import OwnSignatures, SigningKeys
-from swarmd.broker.core.swarm.neighbours.link import LinkChanged, LinkState
+from swarmd.broker.core.swarm.links.link import LinkChanged, LinkState
 from swarmd.broker.core.swarm.routes.routing_table import RouteChanged
 from swarmd.broker.core.traffic import IP_UDP_BYTES
 from swarmware.model.clock import Clock

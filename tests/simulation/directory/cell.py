@@ -28,8 +28,8 @@ from swarmd.broker.core.beacon.beacon_rate import BeaconSchedule, airtime_s
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.membership.sessions import Sessions
 from swarmd.broker.core.membership.signatures.own_signatures import OwnSignatures
+from swarmd.broker.core.swarm.links.link import LinkChanged
 from swarmd.broker.core.swarm.neighbour import LISTING_NS
-from swarmd.broker.core.swarm.neighbours.link import LinkChanged
 from swarmd.broker.core.swarm.neighbours.neighbour_table import LISTING_EACH_NS, NeighbourTable
 from swarmware.model.names import data_id, hardware_id
 from swarmware.testing.virtual import VirtualClock, VirtualSwarm

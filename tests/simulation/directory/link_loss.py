@@ -7,7 +7,7 @@ from tests.simulation.directory.brokers import BrokerNode
 
 from swarmd.broker.config import Config
 from swarmd.broker.core.boards.relay_cache import RemoteValue
-from swarmd.broker.core.swarm.neighbours.link import LinkState
+from swarmd.broker.core.swarm.links.link import LinkState
 from swarmware.model.names import data_id, hardware_id
 from swarmware.testing.virtual import VirtualClock, VirtualSwarm
 from swarmware.types.net import BoardPublication, BoardSubscription, TreePlan

@@ -6,7 +6,7 @@ from tests.simulation.directory.brokers import BrokerNode, SimulatedKeys
 from tests.simulation.directory.cell import OFFERS, POSE, SECOND, pose_made_at
 
 from swarmd.broker.core.boards.relay_cache import RemoteValue
-from swarmd.broker.core.swarm.neighbours.link import LinkState
+from swarmd.broker.core.swarm.links.link import LinkState
 from swarmware.testing.virtual import VirtualClock, VirtualSwarm
 from swarmware.types.net import BoardSubscription, TreePlan
 

@@ -19,7 +19,7 @@ from swarmd.broker.core.beacon.parts.structure_parts import StructurePart, quest
 from swarmd.broker.core.boards.board_action import WriteStructure
 from swarmd.broker.core.broker import Action
 from swarmd.broker.core.reports.report import PublishTables
-from swarmd.broker.core.swarm.neighbours.link import LinkState
+from swarmd.broker.core.swarm.links.link import LinkState
 from swarmd.tree.config import Config
 from swarmd.tree.core.action import Action as TreeAction
 from swarmd.tree.core.action import RequestStructure, RequestSubscription, SendNotify

@@ -6,7 +6,7 @@ from tests.simulation.directory.link_loss import SETTLED_S, Triangle, middle, ou
 from tests.simulation.directory.storm import Storm
 
 from swarmd.broker.core.beacon.beacon_rate import airtime_s
-from swarmd.broker.core.swarm.neighbours.link import LinkState
+from swarmd.broker.core.swarm.links.link import LinkState
 from swarmware.model.names import hardware_id
 
 SEEDS = range(1, 11)

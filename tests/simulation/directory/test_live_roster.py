@@ -22,7 +22,7 @@ from swarmd.broker.config import Config
 from swarmd.broker.core.membership.roster import roster_update
 from swarmd.broker.core.membership.roster.roster_exchange import SendRoster
 from swarmd.broker.core.membership.roster.roster_update import RosterUpdate
-from swarmd.broker.core.swarm.neighbours.link import LinkState
+from swarmd.broker.core.swarm.links.link import LinkState
 from swarmware.model.names import hardware_id
 from swarmware.testing.virtual import VirtualClock
 from swarmware.transport.security.keys import GROUP_KEY, Keys, read_group_key

@@ -7,8 +7,8 @@ import pytest
 from tests.simulation.directory.swarm import Swarm
 from tests.simulation.seeds import seeds
 
-from swarmd.broker.core.frames.carrier import LOSSY
-from swarmd.broker.core.swarm.neighbours.link import LinkState
+from swarmd.broker.core.frames.carrier_choice import LOSSY
+from swarmd.broker.core.swarm.links.link import LinkState
 
 BEFORE_S: Final = 20.0
 LASTS_S: Final = 240.0

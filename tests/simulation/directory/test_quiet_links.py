@@ -4,7 +4,7 @@ import pytest
 from tests.simulation.directory.storm import Storm
 from tests.simulation.seeds import seeds
 
-from swarmd.broker.core.swarm.neighbours.link import LinkState
+from swarmd.broker.core.swarm.links.link import LinkState
 
 BEFORE_S = 20.0
 LASTS_S = 60.0

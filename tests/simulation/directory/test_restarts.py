@@ -16,7 +16,7 @@ from tests.simulation.directory.swarm import SECOND, Swarm
 from tests.simulation.seeds import seeds
 
 from swarmd.broker.core.beacon.declared_period import FormerState
-from swarmd.broker.core.swarm.neighbours.link import LinkState
+from swarmd.broker.core.swarm.links.link import LinkState
 from swarmd.broker.records.former_session import FormerSession
 
 SEEDS: Final = seeds(1, 6)

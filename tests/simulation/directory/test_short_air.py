@@ -9,7 +9,7 @@ from typing import Final
 from tests.simulation.directory.brokers import BrokerNode
 
 from swarmd.broker.core.beacon.beacon_rate import airtime_s
-from swarmd.broker.core.swarm.neighbours.link import LinkEvent, LinkState
+from swarmd.broker.core.swarm.links.link import LinkEvent, LinkState
 from swarmware.model.names import data_id
 from swarmware.testing.virtual import VirtualClock, VirtualSwarm
 from swarmware.types.net import BoardPublication, TreePlan

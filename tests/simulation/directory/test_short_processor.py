@@ -15,7 +15,7 @@ from tests.simulation.directory.brokers import BrokerNode
 from swarmd.broker.config import Config
 from swarmd.broker.core.beacon.beacon_rate import Slowdown
 from swarmd.broker.core.frames.reliable.reliable_links import ReliableLinks
-from swarmd.broker.core.swarm.neighbours.link import LinkEvent
+from swarmd.broker.core.swarm.links.link import LinkEvent
 from swarmware.model.names import data_id
 from swarmware.testing.virtual import VirtualClock, VirtualSwarm
 from swarmware.types.net import BoardPublication, ConnectionStatus, TreePlan

@@ -5,7 +5,7 @@ from functools import partial
 from tests.simulation.reliable.radio_link import MS, SESSION, Medium, S
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.frames.carrier import LinkQuality
+from swarmd.broker.core.frames.carrier_choice import LinkQuality
 from swarmd.broker.core.frames.reliable.link_action import DeliverFrame, SendPacket
 from swarmd.broker.core.frames.reliable.reliable_link import OVERHEAD
 from swarmd.broker.core.frames.reliable.reliable_links import Action, ReliableLinks

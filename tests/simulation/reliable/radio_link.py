@@ -5,7 +5,7 @@ from collections.abc import Callable
 from functools import partial
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.frames.carrier import LinkQuality
+from swarmd.broker.core.frames.carrier_choice import LinkQuality
 from swarmd.broker.core.frames.reliable.link_action import DeliverFrame, FramesDropped, SendPacket
 from swarmd.broker.core.frames.reliable.reliable_link import OVERHEAD, ReliableLink
 from swarmd.broker.core.frames.reliable.reliable_links import Action, ReliableLinks

@@ -4,11 +4,11 @@ from typing import Final
 
 from swarmd.broker.core.beacon.beacon import Echo, Header, Hello, PlatformCode
 from swarmd.broker.core.swarm.clock_batches import ClockSample
+from swarmd.broker.core.swarm.links.link import LinkChanged, LinkState
 from swarmd.broker.core.swarm.neighbour import (
     EXPECTED_MIN,
     Neighbour,
 )
-from swarmd.broker.core.swarm.neighbours.link import LinkChanged, LinkState
 from swarmd.broker.core.swarm.neighbours.neighbour_table import (
     NeighbourTable,
 )

@@ -13,8 +13,8 @@ from swarmd.broker.core.beacon.parts.session_checks import CheckKind, SessionChe
 from swarmd.broker.core.boards.relay_cache import RelayCache
 from swarmd.broker.core.broker import Action, BrokerCore
 from swarmd.broker.core.membership.sessions import ReportImpersonation, digest
+from swarmd.broker.core.swarm.links.link import LinkChanged
 from swarmd.broker.core.swarm.media.medium import MediumProfile
-from swarmd.broker.core.swarm.neighbours.link import LinkChanged
 from swarmd.broker.exchange.beacon_transport import BeaconTransport
 from swarmd.broker.sockets.media import Media
 from swarmd.broker.sockets.medium import MediumDatagram

@@ -7,7 +7,7 @@ import pytest
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, Header, Hello, NeighbourRequest, PlatformCode, RouteRow
 from swarmd.broker.core.beacon.request_parts import encode_requests, request_part_bytes
-from swarmd.broker.core.swarm.neighbours.link import LinkState
+from swarmd.broker.core.swarm.links.link import LinkState
 from swarmd.broker.core.swarm.routes.destination_routes import HELD_NS, is_much_worse
 from swarmd.broker.core.swarm.routes.routing_table import (
     FORWARD_AGAIN_NS,

@@ -8,9 +8,10 @@ from tests.simulation.directory.brokers import BrokerNode
 from swarmd.broker.core.beacon.beacon_rate import ReportSlowdown
 from swarmd.broker.core.boards.board_action import KeepMirrors, LimitEnded, WriteMirrors
 from swarmd.broker.core.broker import DUPLICATE_NS, PUBLISH_NS
+from swarmd.broker.core.membership.sessions import ReportDuplicate, ReportDuplicateGone
 from swarmd.broker.core.reports.report import PublishTables
-from swarmd.broker.core.swarm.neighbours.link import LinkState
-from swarmd.broker.core.swarm.swarm_action import ReportDuplicate, ReportDuplicateGone, WriteClockSamples
+from swarmd.broker.core.swarm.clock_batches import WriteClockSamples
+from swarmd.broker.core.swarm.links.link import LinkState
 from swarmware.model.names import data_id
 from swarmware.testing.virtual import VirtualClock, VirtualSwarm
 from swarmware.types.channel import ChannelSettings, SetChannel

@@ -3,8 +3,8 @@
 from typing import Final
 
 from swarmd.broker.core.beacon.beacon import Header
+from swarmd.broker.core.swarm.links.link import LinkChanged
 from swarmd.broker.core.swarm.neighbour import LISTING_NS
-from swarmd.broker.core.swarm.neighbours.link import LinkChanged
 from swarmd.broker.core.swarm.neighbours.neighbour_table import FIRST_LISTINGS, NeighbourTable
 
 SLOT_NS: Final = 100_000_000

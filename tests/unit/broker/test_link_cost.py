@@ -2,8 +2,8 @@
 
 import pytest
 
+from swarmd.broker.core.swarm.links.link import COST_MAX, link_cost
 from swarmd.broker.core.swarm.neighbour import Neighbour
-from swarmd.broker.core.swarm.neighbours.link import COST_MAX, link_cost
 from swarmd.broker.core.swarm.routes.routing_table import RouteChanged, RoutingTable
 
 MS = 1_000_000

@@ -22,19 +22,19 @@ from tests.unit.broker.neighbours import (
 )
 
 from swarmd.broker.core.beacon.beacon import NO_ECHO, Echo, Header
-from swarmd.broker.core.swarm.neighbour import (
-    LISTING_NS,
-    LISTINGS,
-    MEASURED,
-    UNLISTED_SLACK_NS,
-)
-from swarmd.broker.core.swarm.neighbours.link import (
+from swarmd.broker.core.swarm.links.link import (
     COST_MAX,
     RECEIVED,
     TRANSITIONS,
     LinkChanged,
     LinkEvent,
     LinkState,
+)
+from swarmd.broker.core.swarm.neighbour import (
+    LISTING_NS,
+    LISTINGS,
+    MEASURED,
+    UNLISTED_SLACK_NS,
 )
 from swarmd.broker.core.swarm.neighbours.neighbour_table import (
     FORGET_NS,

@@ -12,7 +12,7 @@ from swarmd.broker.core.reports.outages import (
     ReadBacklog,
     SaveOutages,
 )
-from swarmd.broker.core.swarm.neighbours.link import LinkChanged, LinkEvent, LinkState
+from swarmd.broker.core.swarm.links.link import LinkChanged, LinkEvent, LinkState
 from swarmware.types.outage import LinkOutage, OutageCause, OutagePhase, OutageTable
 
 S = 1_000_000_000

@@ -30,7 +30,7 @@ from swarmd.broker.core.beacon.hello_schedule import HELLO_CHANGING_NS, HELLO_NS
 from swarmd.broker.core.beacon.parts.session_checks import CheckKind
 from swarmd.broker.core.boards.published_boards import REPEATS
 from swarmd.broker.core.boards.relay_cache import FURTHER_NS, OLDEST_NS, PERIOD_NS, REPEAT_NS
-from swarmd.broker.core.frames.carrier import CLEAN, CLEAN_NS, LOSSY
+from swarmd.broker.core.frames.carrier_choice import CLEAN, CLEAN_NS, LOSSY
 from swarmd.broker.core.frames.forwarder import LOOP_NS
 from swarmd.broker.core.frames.frame_datagram import FRAME, MISSES, PACKET, RETRY_NS
 from swarmd.broker.core.frames.frame_datagram import MAGIC as DATAGRAM_MAGIC
@@ -41,14 +41,21 @@ from swarmd.broker.core.frames.reliable.received_packets import ACK_DELAY_NS
 from swarmd.broker.core.frames.reliable.reliable_link import BLOCKED, BLOCKED_LATER
 from swarmd.broker.core.frames.reliable.reliable_links import BLOCKED_NS
 from swarmd.broker.core.membership.sessions import AGAIN_NS, ALIVE_NS, ENDED_NS
+from swarmd.broker.core.swarm.links.link import COST_MAX, RTT_FREE_NS, RTT_FULL_NS, RTT_PENALTY
+from swarmd.broker.core.swarm.links.solicited import (
+    ANSWER_SLACK_NS,
+    ASK_AGAIN_NS,
+    ASKS_MAX,
+    ASKS_MIN,
+    LOSS_MIN,
+    SUSPICION,
+)
 from swarmd.broker.core.swarm.media.arrivals import EXPECTED_MIN as ARRIVALS_MIN
 from swarmd.broker.core.swarm.media.arrivals import WINDOW as ARRIVALS
 from swarmd.broker.core.swarm.media.medium import NOMINAL_BYTES, PENALTY_NS
 from swarmd.broker.core.swarm.media.medium import PERFECT as MEDIUM_PERFECT
 from swarmd.broker.core.swarm.media.medium_link import PERIODS as MEDIUM_PERIODS
 from swarmd.broker.core.swarm.media.medium_link import PERIODS_MAX as MEDIUM_PERIODS_MAX
-from swarmd.broker.core.swarm.media.medium_table import HYSTERESIS as MEDIUM_HYSTERESIS
-from swarmd.broker.core.swarm.media.medium_table import LISTING_NS as MEDIA_NS
 from swarmd.broker.core.swarm.neighbour import (
     CLOCK_HIGH_MAX,
     EXPECTED_MIN,
@@ -64,20 +71,13 @@ from swarmd.broker.core.swarm.neighbour import (
     UNLISTED_SLACK_NS,
     WINDOW,
 )
-from swarmd.broker.core.swarm.neighbours.link import COST_MAX, RTT_FREE_NS, RTT_FULL_NS, RTT_PENALTY
+from swarmd.broker.core.swarm.neighbours.medium_table import HYSTERESIS as MEDIUM_HYSTERESIS
+from swarmd.broker.core.swarm.neighbours.medium_table import LISTING_NS as MEDIA_NS
 from swarmd.broker.core.swarm.neighbours.neighbour_table import (
     LISTING_EACH_NS,
     QUALITY_NS,
     QUALITY_STEP,
     WELL,
-)
-from swarmd.broker.core.swarm.neighbours.solicited import (
-    ANSWER_SLACK_NS,
-    ASK_AGAIN_NS,
-    ASKS_MAX,
-    ASKS_MIN,
-    LOSS_MIN,
-    SUSPICION,
 )
 from swarmd.broker.core.swarm.routes.destination_routes import HELD_NS, URGENT_RATIO, WORSE_BY, WORSE_RATIO
 from swarmd.broker.core.swarm.routes.routing_table import (

@@ -7,8 +7,8 @@ import pytest
 
 from swarmd.broker.core.beacon.beacon import NEVER_NS, Echo, Header, Hello, PlatformCode
 from swarmd.broker.core.beacon.declared_period import CEILINGS_NS, LOWER_NS, DeclaredPeriod, ceiling_ns
+from swarmd.broker.core.swarm.links.link import LinkState
 from swarmd.broker.core.swarm.neighbour import FIRST_PERIOD_NS, NOTICE_SLACK_NS, notice_ns
-from swarmd.broker.core.swarm.neighbours.link import LinkState
 from swarmd.broker.core.swarm.neighbours.neighbour_table import NeighbourTable
 from swarmd.broker.records.former_session import PERIOD, SESSION, FormerSession
 from swarmware.transport.security.seal import SESSION_MARK

@@ -13,10 +13,8 @@ from swarmd.broker.core.beacon.parts.solicitation import (
     encode_solicitation,
     solicitation_bytes,
 )
-from swarmd.broker.core.swarm.neighbour import FALSE_ALARM
-from swarmd.broker.core.swarm.neighbours.link import LinkState
-from swarmd.broker.core.swarm.neighbours.neighbour_table import NeighbourTable
-from swarmd.broker.core.swarm.neighbours.solicited import (
+from swarmd.broker.core.swarm.links.link import LinkState
+from swarmd.broker.core.swarm.links.solicited import (
     ASKS_MAX,
     ASKS_MIN,
     LOSS_MIN,
@@ -24,6 +22,8 @@ from swarmd.broker.core.swarm.neighbours.solicited import (
     asks,
     overdue_beacons,
 )
+from swarmd.broker.core.swarm.neighbour import FALSE_ALARM
+from swarmd.broker.core.swarm.neighbours.neighbour_table import NeighbourTable
 from swarmd.broker.core.swarm.topology import Topology
 from swarmware.errors import WireError
 

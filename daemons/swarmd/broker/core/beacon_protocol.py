@@ -32,9 +32,9 @@ from swarmd.broker.core.boards.structure_broadcasts import StructureBroadcasts
 from swarmd.broker.core.membership.signatures.own_signatures import SigningKeys
 from swarmd.broker.core.membership.signatures.signature_checks import SignatureChecks, UnsignedValue
 from swarmd.broker.core.swarm.clock_batches import ClockSample
-from swarmd.broker.core.swarm.media.medium_table import MediumTable
+from swarmd.broker.core.swarm.links.link import LinkChanged
 from swarmd.broker.core.swarm.neighbour import CLOCK_HIGH_MAX, PERIODS, Neighbour
-from swarmd.broker.core.swarm.neighbours.link import LinkChanged
+from swarmd.broker.core.swarm.neighbours.medium_table import MediumTable
 from swarmd.broker.core.swarm.node_table import NodeTable
 from swarmd.broker.core.swarm.routes.routing_table import RouteChanged
 from swarmd.broker.core.swarm.topology import Topology

@@ -33,6 +33,8 @@ from swarmd.broker.core.membership.sessions import (
     ACCEPTED,
     AdoptSession,
     ProveSession,
+    ReportDuplicate,
+    ReportDuplicateGone,
     ReportImpersonation,
     SessionOutcome,
     Sessions,
@@ -41,23 +43,18 @@ from swarmd.broker.core.membership.sessions import (
 from swarmd.broker.core.membership.signatures.own_signatures import OwnSignatures
 from swarmd.broker.core.membership.signatures.signature_checks import CheckedDatagram, SignatureFault
 from swarmd.broker.core.reports.report import NetReport, PublishTables
-from swarmd.broker.core.swarm.clock_batches import ClockBatches
-from swarmd.broker.core.swarm.media.medium_table import (
+from swarmd.broker.core.swarm.clock_batches import ClockBatches, WriteClockSamples
+from swarmd.broker.core.swarm.links.link import LinkChanged, LinkEvent, LinkState
+from swarmd.broker.core.swarm.neighbours.link_targets import LinkTargets
+from swarmd.broker.core.swarm.neighbours.medium_table import (
     ByMedium,
+    MediumChanged,
     MediumTable,
     connection_host,
     media_of,
     transport_of,
 )
-from swarmd.broker.core.swarm.neighbours.link import LinkChanged, LinkEvent, LinkState
-from swarmd.broker.core.swarm.neighbours.link_targets import LinkTargets
 from swarmd.broker.core.swarm.routes.routing_table import RouteChanged
-from swarmd.broker.core.swarm.swarm_action import (
-    MediumChanged,
-    ReportDuplicate,
-    ReportDuplicateGone,
-    WriteClockSamples,
-)
 from swarmd.broker.core.swarm.topology import Topology
 from swarmd.broker.core.traffic import Counters
 from swarmware.runtime.core import AT_ONCE

@@ -15,7 +15,7 @@ from swarmd.broker.core.broker import Action, BrokerCore
 from swarmd.broker.core.membership.datagram_limiter import DatagramLimiter, member_ids
 from swarmd.broker.core.membership.roster.roster_exchange import RosterExchange
 from swarmd.broker.core.swarm.media.medium import Address, MediumProfile
-from swarmd.broker.core.swarm.media.medium_table import ByMedium
+from swarmd.broker.core.swarm.neighbours.medium_table import ByMedium
 from swarmd.broker.core.swarm.node_table import is_named
 from swarmd.broker.core.traffic import EVERYBODY
 from swarmd.broker.sockets.media import Media

@@ -9,28 +9,25 @@ from swarmd.broker.config import Config
 from swarmd.broker.core.broker import BrokerCore
 from swarmd.broker.core.frames.end_to_end import EndToEnd
 from swarmd.broker.core.frames.forwarder import ForwardDecision, ForwardStep
-from swarmd.broker.core.frames.frame_datagram import may_begin
 from swarmd.broker.core.frames.send_queue import QueuedFrame
 from swarmd.broker.core.frames.waiting_answers import WaitingAnswers
-from swarmd.broker.core.membership.origins import is_check
 from swarmd.broker.core.membership.roster.roster_exchange import RosterAction, SendRoster
 from swarmd.broker.core.swarm.neighbour import LinkPeer
 from swarmd.broker.core.traffic import FrameAccounts
-from swarmd.broker.exchange.frame_datagrams import NeighbourMedia
+from swarmd.broker.exchange.carriers.frame_datagrams import NeighbourMedia
 from swarmd.broker.exchange.frame_delivery import FrameDelivery
 from swarmd.broker.exchange.frame_links import FrameLinks
 from swarmd.broker.sockets.pair_seal import PairEnd
 from swarmware.errors import ConfigError, Denied, WireError
-from swarmware.model.frame import HOPS, HOPS_AT, Flag, Frame, FrameKind, decode, encode
+from swarmware.model.frame import HOPS, Flag, Frame, FrameKind
 from swarmware.model.names import hardware_id
 from swarmware.node.node import Node
-from swarmware.transport.delivery.answer import ANSWERS, answerable
+from swarmware.transport.delivery.answer import answerable
 from swarmware.transport.delivery.outcome import Status
 from swarmware.transport.delivery.signature import with_node
 from swarmware.transport.security.denial_reporter import DenialReporter
 from swarmware.transport.security.keys import Keys
 from swarmware.transport.security.roster import RosterChange
-from swarmware.types.net import LinkTransport
 
 if TYPE_CHECKING:
     from swarmd.broker.exchange.unit_delay import UnitDelays
@@ -80,8 +77,6 @@ class FrameGateway:
         self._end_to_end = EndToEnd(
             core.identity.hw, core.session, keys, core.nodes.platform, core.counters.refused
         )
-        self._asked_by_datagram: set[int] = set()
-        """Neighbours whose last question came in a datagram."""
         self._answers = WaitingAnswers()
         self._visits: dict[int, int] = {}
         """Nodes that are not neighbours and got the roster, and when their connection is closed."""
@@ -122,9 +117,12 @@ class FrameGateway:
         if peer is not None and peer.host:
             own_hw = self._core.identity.hw
             payload = session.to_bytes(8, "little")
-            self._send(peer, Frame(FrameKind.HELLO, 0, own_hw, 0, hw, 0, flags=Flag.URGENT, payload=payload))
+            self.links.send(
+                peer, Frame(FrameKind.HELLO, 0, own_hw, 0, hw, 0, flags=Flag.URGENT, payload=payload)
+            )
 
-    def _take_proof(self, frame: Frame, user: str) -> None:
+    def on_proof(self, frame: Frame, user: str) -> None:
+        """Takes the session of a neighbour from a connection that only the key of its platform opens."""
         if not user or frame.hops_left != HOPS or self._other_end(frame, user) != frame.sender_hw:
             self._counters.refused.spoofed += 1
         elif len(frame.payload) == 8:
@@ -133,7 +131,6 @@ class FrameGateway:
 
     def neighbour_gone(self, hw: int) -> None:
         """Sends the frames queued for a lost neighbour over another one, or refuses them."""
-        self._asked_by_datagram.discard(hw)
         if hw in self._visits:
             return
         for item in self.links.disconnect(hw):
@@ -149,26 +146,6 @@ class FrameGateway:
         for item in self._answers.take(self._forwarder.has_route, now_ns):
             decision = self._forwarder.reroute(item.frame, now_ns)
             self._onward(item.frame, decision, None, relayed=item.relayed)
-
-    def on_connection_frame(self, data: bytes, user: str) -> None:
-        """Takes an encoded frame of a connection, and the platform at its other end."""
-        arrived_ns = self._clock.now_ns()  # read first: the receiver of an order reports it as its arrival
-        frame = self._decoded(data, user)
-        if frame is None:
-            return
-        # without keys the sender is not authenticated
-        starts_here = not user and frame.hops_left >= HOPS
-        if frame.kind is FrameKind.HELLO and not is_check(frame.payload):
-            self._take_proof(frame, user)
-        else:
-            if frame.kind not in ANSWERS:
-                self._asked_by_datagram.discard(frame.sender_hw)
-            self._take(frame, user, arrived_ns)
-        # counted when it was sent
-        name = self._core.nodes.platform(frame.sender_hw) if starts_here else user or "?"
-        link = self._counters.link(name, LinkTransport.TCP)
-        link.received_frames += 1
-        link.received_bytes += len(data)
 
     # the roster
 
@@ -189,16 +166,13 @@ class FrameGateway:
             peer = LinkPeer(hw, message.platform, host, port, curve, 0)
             self._visits[hw] = self._clock.now_ns() + VISIT_NS
         own_hw = self._core.identity.hw
-        self._send(
+        self.links.send(
             peer, Frame(FrameKind.ROSTER, 0, own_hw, 0, hw, 0, flags=Flag.URGENT, payload=message.payload)
         )
 
-    def on_roster_frame(self, data: bytes, user: str, host: str) -> None:
-        """Takes a message about the roster from a connection."""
+    def on_roster_frame(self, frame: Frame, user: str, host: str) -> None:
+        """Takes a message about the roster, and the platform and address of its sender."""
         refused, exchange = self._counters.refused, self._core.exchange
-        frame = self._decoded(data, user)
-        if frame is None:
-            return
         hw = frame.sender_hw
         if not user or exchange is None or frame.hops_left != HOPS or self._other_end(frame, user) != hw:
             refused.spoofed += 1
@@ -241,34 +215,8 @@ class FrameGateway:
         exchange = self._core.exchange
         return exchange is not None and exchange.excludes(hw)
 
-    def on_datagram_frame(self, data: bytes, peer: LinkPeer) -> None:
-        """Takes the frame of a datagram, and the neighbour that sealed it."""
-        arrived_ns = self._clock.now_ns()
-        frame = self._decoded(data, peer.platform)
-        if frame is None:
-            return
-        if frame.kind is FrameKind.HELLO and not is_check(frame.payload):
-            self._counters.refused.malformed += 1  # sessions are proven over connections
-            return
-        if frame.kind is FrameKind.ROSTER:
-            # only from a neighbour without a connection; the seal of the pair has authenticated it
-            self.on_roster_frame(data, "" if self._keys.is_open else peer.platform, peer.host)
-            return
-        if frame.kind not in ANSWERS:
-            self._asked_by_datagram.add(peer.hw)
-        self._take(frame, "" if self._keys.is_open else peer.platform, arrived_ns)
-
-    def _decoded(self, data: bytes, user: str) -> Frame | None:
-        self._counters.received_frames += 1
-        try:
-            return decode(data)
-        except WireError as error:
-            self._counters.refused.malformed += 1
-            log.debug("frame from %s: %s", user or "loopback", error)
-            return None
-
-    def _take(self, frame: Frame, user: str, now_ns: int) -> None:
-        """Delivers or forwards a frame; `user`: the member that sent it, empty without authentication."""
+    def on_frame(self, frame: Frame, user: str, now_ns: int) -> None:
+        """Delivers or forwards a frame; `user`: the member that sent it, or "" without authentication."""
         counters = self._counters
         if self.excludes(frame.sender_hw):
             counters.refused.revoked += 1  # another member forwarded it
@@ -322,16 +270,10 @@ class FrameGateway:
                     return
                 if signed is not frame:
                     frame, data = signed, None
-                if frame.kind is FrameKind.RTP:
-                    if not self.links.send_unrepeated(peer, frame):
-                        self._dropped(peer, LinkTransport.UDP, frame)
-                    return
-                if (
-                    rerouted
-                    or not may_begin(frame)
-                    or not self._send_datagram(peer, frame, data, decision.first)
-                ):
-                    self._send(peer, frame, data)
+                if rerouted:
+                    self.links.send(peer, frame, data)
+                else:
+                    self.links.begin(peer, frame, data, is_first=decision.first)
                 return
         refused = self._counters.refused
         receiver = self._core.nodes.platform(frame.receiver_hw)
@@ -355,32 +297,9 @@ class FrameGateway:
             self._refuse(frame, str(error))
             return None
 
-    def _send_datagram(self, peer: LinkPeer, frame: Frame, data: bytes | None, first: bool) -> bool:
-        """Sends the first transmission of a frame as a datagram; retransmissions take the connection."""
-        if first:
-            if not frame.is_urgent and frame.kind in ANSWERS and peer.hw not in self._asked_by_datagram:
-                return False  # the way that the question took is at work
-            return self.links.send_once(peer, frame, data)
-        self.links.on_repeated(peer.hw, frame)
-        return False
-
-    def on_begun(self, peer: LinkPeer, frame: Frame) -> None:
-        """Counts a frame whose first transmission was a datagram."""
+    def on_sent(self, frame: Frame) -> None:
+        """Counts a frame that is sent to a neighbour; queued and rerouted frames are not counted."""
         self._counters.sent_frames += 1
-        for channel, size in self._accounts.channels(frame):
-            channel.sent(size)
-
-    def _send(self, peer: LinkPeer, frame: Frame, data: bytes | None = None) -> None:
-        if data is None or data[HOPS_AT] != frame.hops_left:
-            data = encode(frame)
-        self.links.send(peer, data, frame)
-
-    def on_sent(self, peer: LinkPeer, size: int, frame: Frame) -> None:
-        """Counts a frame that a connection took; queued and rerouted frames are not counted."""
-        self._counters.sent_frames += 1
-        link = self._counters.link(peer.platform, LinkTransport.TCP)
-        link.sent_frames += 1
-        link.sent_bytes += size
         for channel, payload_bytes in self._accounts.channels(frame):
             channel.sent(payload_bytes)
 
@@ -394,14 +313,14 @@ class FrameGateway:
         """Brings the traffic counters of the connections up to date."""
         self.links.update_counters()
 
-    def on_given_up(self, peer: LinkPeer, transport: LinkTransport, waiting: list[QueuedFrame]) -> None:
-        """Refuses the frames that a link to a neighbour has given up."""
-        for item in waiting:
-            self._dropped(peer, transport, item.frame)
+    def on_given_up(self, peer: LinkPeer, frames: list[QueuedFrame]) -> None:
+        """Refuses the frames that could not be brought to a neighbour."""
+        for item in frames:
+            self.on_dropped(item.frame)
             self._refuse(item.frame, f"{peer.platform} does not take it")
 
-    def _dropped(self, peer: LinkPeer, transport: LinkTransport, frame: Frame) -> None:
-        self._counters.link(peer.platform, transport).dropped += 1
+    def on_dropped(self, frame: Frame) -> None:
+        """Counts a frame that could not be sent in its channels."""
         for channel, _ in self._accounts.channels(frame):
             channel.dropped += 1
 

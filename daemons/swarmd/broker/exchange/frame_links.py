@@ -8,7 +8,8 @@ from contextlib import contextmanager
 import msgspec
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.frames.carrier import LinkQuality
+from swarmd.broker.core.frames.carrier_choice import LinkQuality
+from swarmd.broker.core.frames.frame_datagram import may_begin
 from swarmd.broker.core.frames.reliable.link_action import (
     DeliverFrame,
     FrameBegun,
@@ -26,20 +27,22 @@ from swarmd.broker.core.frames.reliable.reliable_links import (
 from swarmd.broker.core.frames.send_queue import QueuedFrame
 from swarmd.broker.core.membership.origins import is_check
 from swarmd.broker.core.swarm.media.medium import MediumProfile
-from swarmd.broker.core.swarm.media.medium_table import Use
 from swarmd.broker.core.swarm.neighbour import LinkPeer
+from swarmd.broker.core.swarm.neighbours.medium_table import Use
 from swarmd.broker.core.traffic import Counters
-from swarmd.broker.exchange.frame_datagrams import FrameDatagrams, NeighbourMedia
-from swarmd.broker.exchange.link_events import LinkEvents
-from swarmd.broker.exchange.zmq_links import ZmqLinks
+from swarmd.broker.exchange.carriers.frame_datagrams import FrameDatagrams, NeighbourMedia
+from swarmd.broker.exchange.carriers.reliable_datagrams import ReliableDatagrams
+from swarmd.broker.exchange.carriers.zmq_links import ZmqLinks
+from swarmd.broker.exchange.link_events import Carrier, LinkEvents
 from swarmd.broker.sockets.medium import MediumDatagram
 from swarmd.broker.sockets.pair_seal import PairEnd
 from swarmware.errors import ConfigError, WireError
 from swarmware.model.clock import Clock
-from swarmware.model.frame import Frame, FrameKind, encode
+from swarmware.model.frame import HOPS, HOPS_AT, Frame, FrameKind, decode, encode
 from swarmware.runtime.driver import CoreDriver
+from swarmware.transport.delivery.answer import ANSWERS
 from swarmware.transport.security.keys import Keys
-from swarmware.types.net import ConnectionStatus, LinkTraffic, LinkTransport
+from swarmware.types.net import ConnectionStatus, LinkTransport
 
 log = logging.getLogger("swarm.broker")
 
@@ -60,15 +63,13 @@ class FrameLinks:
         """Raises: ConfigError when a port cannot be bound."""
         self._ways = ways
         self._events = events
+        self._is_open = keys.is_open
+        self._asked_by_datagram: set[int] = set()
+        """Neighbours whose last question came in a datagram: so does the answer."""
         # bound here, because a method of its own would cost a call for each frame
         self.excludes = events.excludes
         self.find_peer = events.find_peer
-        self.on_connection_frame = events.on_connection_frame
-        self.on_roster_frame = events.on_roster_frame
         self.on_unknown_key = events.on_unknown_key
-        self.on_sent = events.on_sent
-        self.on_datagram_frame = events.on_datagram_frame
-        self.on_begun = events.on_begun
         self._clock = clock
         self._counters = counters
         self._connections = ZmqLinks(
@@ -80,7 +81,7 @@ class FrameLinks:
             events=self,
         )
         try:
-            self._datagrams = FrameDatagrams(
+            self._socket = FrameDatagrams(
                 config,
                 keys,
                 own,
@@ -93,12 +94,12 @@ class FrameLinks:
         except ConfigError:
             self._connections.close()
             raise
-        self._counted: dict[int, tuple[int, int, int]] = {}
-        """Of each reliable link: its session, repeated bytes and arrived frames when last counted."""
         self._core = ReliableLinks(config)
         self._driver = CoreDriver(
             self._core, self._perform, name="links", clock=clock, loop=asyncio.get_running_loop()
         )
+        self._datagrams = ReliableDatagrams(self._core, self._socket, clock, self._driver.feed)
+        self._carriers: tuple[Carrier, ...] = (self._connections, self._datagrams)
 
     @property
     def tcp_port(self) -> int:
@@ -108,11 +109,11 @@ class FrameLinks:
     @property
     def frame_port(self) -> int:
         """UDP port of the datagrams."""
-        return self._datagrams.port
+        return self._socket.port
 
     def prepare(self, peer: LinkPeer) -> None:
         """Derives the keys of the pair with a neighbour, before the first datagram needs them."""
-        self._datagrams.prepare(peer)
+        self._socket.prepare(peer)
 
     def connected(self) -> list[LinkPeer]:
         """The neighbours with connections, open or not."""
@@ -120,53 +121,100 @@ class FrameLinks:
 
     def on_roster(self) -> None:
         """The keys have another roster."""
-        self._datagrams.on_roster()
+        self._socket.on_roster()
         self._connections.drop_revoked()
 
-    def send_once(self, peer: LinkPeer, frame: Frame, data: bytes | None) -> bool:
-        """Sends the first transmission of a frame in a datagram of its own; False: use `send`.
+    # sending
 
-        `data`: the frame as it was encoded. One that is not urgent goes so only where nearly nothing is lost,
-        by one medium, and before no other frame.
+    def begin(self, peer: LinkPeer, frame: Frame, data: bytes | None, *, is_first: bool) -> None:
+        """Sends a frame on its way; its first transmission may be a datagram of its own.
+
+        `data`: the frame as it was encoded, unless it has changed since; `is_first`: it is not a
+        retransmission of its sender.
+        """
+        if frame.kind is FrameKind.RTP:
+            self._send_unrepeated(peer, frame)
+            return
+        if may_begin(frame):
+            if not is_first:
+                self._socket.on_repeated(peer.hw, frame)  # the datagram, or its answer, was lost
+            elif self._send_once(peer, frame, data):
+                return
+        self.send(peer, frame, data)
+
+    def _send_once(self, peer: LinkPeer, frame: Frame, data: bytes | None) -> bool:
+        """Sends the first transmission of a frame in a datagram of its own; False if that is not possible.
+
+        A frame that is not urgent goes so only where nearly nothing is lost, by one medium, and before no
+        other frame.
         """
         if not frame.is_urgent:
+            if frame.kind in ANSWERS and peer.hw not in self._asked_by_datagram:
+                return False  # the connection that the question took is open
             is_clean = self._ways is None and self._core.is_clean(peer.hw)
             if not is_clean or self._connections.waiting(peer.hw)[0]:
                 return False
         elif self._core.uses_datagrams(peer.hw) and not self._has_several(peer):
             return False  # its reliable link sends it at once, and again if it is lost
-        if not self._datagrams.send(peer, frame, data):
+        if not self._socket.send(peer, frame, data):
             return False
         self._counters.link(peer.platform, LinkTransport.UDP).offered_frames += 1
         return True
 
-    def send_unrepeated(self, peer: LinkPeer, frame: Frame) -> bool:
-        """Sends a frame in a datagram of its own, whatever the link; False: it cannot be sent so."""
-        return self._datagrams.send_unrepeated(peer, frame)
-
-    def on_repeated(self, hw: int, frame: Frame) -> None:
-        """A frame that may begin as a datagram is repeated to a neighbour."""
-        self._datagrams.on_repeated(hw, frame)
+    def _send_unrepeated(self, peer: LinkPeer, frame: Frame) -> None:
+        """Sends a frame that is too late when it is repeated in a datagram of its own, whatever the link."""
+        if not self._socket.send_unrepeated(peer, frame):
+            self._counters.link(peer.platform, LinkTransport.UDP).dropped += 1
+            self._events.on_dropped(frame)
 
     def on_unsent(self, peer: LinkPeer, frame: Frame) -> None:
         """Sends or queues a frame that a datagram could not carry."""
-        self.send(peer, encode(frame), frame)
+        self.send(peer, frame)
 
-    def send(self, peer: LinkPeer, data: bytes, frame: Frame) -> None:
-        """Sends or queues a frame for a neighbour."""
-        by_datagram = self._by_datagram(peer, frame)
-        transport = LinkTransport.UDP if by_datagram else LinkTransport.TCP
+    def send(self, peer: LinkPeer, frame: Frame, data: bytes | None = None) -> None:
+        """Sends or queues a frame for a neighbour, by the carrier that its link requires; `data`: as in
+        `begin`."""
+        if data is None or data[HOPS_AT] != frame.hops_left:
+            data = encode(frame)
+        self._put(peer, QueuedFrame(data, frame, self._clock.now_ns()))
+
+    def _put(self, peer: LinkPeer, queued: QueuedFrame) -> None:
+        carrier, transport = self._choose(peer, queued.frame)
         self._counters.link(peer.platform, transport).offered_frames += 1
-        if by_datagram:
-            self._send_datagrams(peer, QueuedFrame(data, frame, self._clock.now_ns()))
-            return
-        gone = self._connections.send(peer, data, frame)
+        gone = carrier.send(peer, queued)
         if gone:
-            self.on_undelivered(peer, gone)
+            self._on_given_up(peer, transport, gone)
+
+    def _choose(self, peer: LinkPeer, frame: Frame) -> tuple[Carrier, LinkTransport]:
+        """The carrier of a frame: its link decides, unless only one of both can carry the frame."""
+        if peer.host:
+            can_choose = bool(peer.frame_port) and not _needs_connection(frame)
+            if not can_choose or not self._core.uses_datagrams(peer.hw):
+                return self._connections, LinkTransport.TCP
+        # without a host no medium to the neighbour has connections
+        return self._datagrams, LinkTransport.UDP
+
+    def _has_several(self, peer: LinkPeer) -> bool:
+        return self._ways is not None and len(self._ways.ways(peer.hw, Use.URGENT)) > 1
+
+    def on_taken(self, peer: LinkPeer, size: int, frame: Frame) -> None:
+        """Counts a frame that a connection took; queued frames are not counted."""
+        link = self._counters.link(peer.platform, LinkTransport.TCP)
+        link.sent_frames += 1
+        link.sent_bytes += size
+        self._events.on_sent(frame)
+
+    def on_begun(self, _peer: LinkPeer, frame: Frame) -> None:
+        """Takes a frame whose first transmission was a datagram, which its socket has counted."""
+        self._events.on_sent(frame)
 
     def on_undelivered(self, peer: LinkPeer, frames: list[QueuedFrame]) -> None:
-        """Refuses the frames that a connection has given up."""
-        self._events.on_given_up(peer, LinkTransport.TCP, frames)
+        """Takes the frames that a connection has given up."""
+        self._on_given_up(peer, LinkTransport.TCP, frames)
+
+    def _on_given_up(self, peer: LinkPeer, transport: LinkTransport, frames: list[QueuedFrame]) -> None:
+        self._counters.link(peer.platform, transport).dropped += len(frames)
+        self._events.on_given_up(peer, frames)
 
     def on_waiting(self, peer: LinkPeer) -> None:
         """Measures the connection for which frames wait."""
@@ -176,34 +224,76 @@ class FrameLinks:
         delay, is_waiting = self._connections.delay(hw), bool(self._connections.waiting(hw)[0])
         self._driver.feed(self._core.on_connection(hw, delay, is_waiting, self._clock.now_ns()))
 
-    def _has_several(self, peer: LinkPeer) -> bool:
-        return self._ways is not None and len(self._ways.ways(peer.hw, Use.URGENT)) > 1
+    @contextmanager
+    def batch(self) -> Iterator[None]:
+        """Context manager: queues frames and sends them together when it ends."""
+        with self._connections.batch(), self._socket.batch():
+            yield
 
-    def _by_datagram(self, peer: LinkPeer, frame: Frame) -> bool:
-        if not peer.host:
-            return True  # no medium to it has connections
-        return bool(peer.frame_port) and self._core.uses_datagrams(peer.hw) and not _needs_connection(frame)
+    # receiving
 
-    def _send_datagrams(self, peer: LinkPeer, queued: QueuedFrame) -> None:
-        now_ns = self._clock.now_ns()
-        self._driver.feed(self._core.on_frame(peer.hw, peer.session, queued, now_ns))
+    def on_connection_frame(self, data: bytes, user: str) -> None:
+        """Takes an encoded frame of a connection, and the platform at its other end."""
+        arrived_ns = self._clock.now_ns()  # read first: the receiver of an order reports it as its arrival
+        frame = self._decoded(data, user)
+        if frame is None:
+            return
+        # without keys only the first hop knows the neighbour: forwarding counts the hops of the frame down
+        starts_here = not user and frame.hops_left >= HOPS
+        if frame.kind is FrameKind.HELLO and not is_check(frame.payload):
+            self._events.on_proof(frame, user)
+        else:
+            if frame.kind not in ANSWERS:
+                self._asked_by_datagram.discard(frame.sender_hw)
+            self._events.on_frame(frame, user, arrived_ns)
+        peer = self.find_peer(frame.sender_hw) if starts_here else None
+        link = self._counters.link(user or ("?" if peer is None else peer.platform), LinkTransport.TCP)
+        link.received_frames += 1
+        link.received_bytes += len(data)
+
+    def on_roster_frame(self, data: bytes, user: str, host: str) -> None:
+        """Takes a message about the roster from a connection."""
+        frame = self._decoded(data, user)
+        if frame is not None:
+            self._events.on_roster_frame(frame, user, host)
+
+    def on_datagram_frame(self, data: bytes, peer: LinkPeer) -> None:
+        """Takes the frame of a datagram, and the neighbour that sealed it."""
+        arrived_ns = self._clock.now_ns()
+        frame = self._decoded(data, peer.platform)
+        if frame is None:
+            return
+        user = "" if self._is_open else peer.platform
+        if frame.kind is FrameKind.HELLO and not is_check(frame.payload):
+            self._counters.refused.malformed += 1  # sessions are proven over connections
+            return
+        if frame.kind is FrameKind.ROSTER:
+            # only from a neighbour without a connection; the seal of the pair has authenticated it
+            self._events.on_roster_frame(frame, user, peer.host)
+            return
+        if frame.kind not in ANSWERS:
+            self._asked_by_datagram.add(peer.hw)
+        self._events.on_frame(frame, user, arrived_ns)
+
+    def _decoded(self, data: bytes, user: str) -> Frame | None:
+        self._counters.received_frames += 1
+        try:
+            return decode(data)
+        except WireError as error:
+            self._counters.refused.malformed += 1
+            log.debug("frame from %s: %s", user or "loopback", error)
+            return None
 
     def on_datagram(self, medium: MediumProfile, arrival: MediumDatagram) -> None:
         """Takes a datagram that came by a medium beside the main network."""
-        self._datagrams.on_arrival(medium, arrival)
+        self._socket.on_arrival(medium, arrival)
 
     def on_medium(self, hw: int) -> None:
         """The medium of the packets to a neighbour has changed: what waits for connections follows."""
         peer = self.find_peer(hw)
         if peer is not None and not peer.host:
             for queued in self._connections.disconnect(hw):
-                self._send_datagrams(peer, queued)
-
-    @contextmanager
-    def batch(self) -> Iterator[None]:
-        """Context manager: queues frames and sends them together when it ends."""
-        with self._connections.batch(), self._datagrams.batch():
-            yield
+                self._datagrams.send(peer, queued)
 
     def on_packet(self, data: bytes, peer: LinkPeer, arrived_ns: int) -> None:
         """Takes a packet of a neighbour's reliable link."""
@@ -225,7 +315,8 @@ class FrameLinks:
 
     def disconnect(self, hw: int) -> list[QueuedFrame]:
         """Ends the links to a lost neighbour; returns the frames that have not arrived."""
-        return self._core.on_gone(hw, self._clock.now_ns()) + self._connections.disconnect(hw)
+        self._asked_by_datagram.discard(hw)
+        return self._datagrams.disconnect(hw) + self._connections.disconnect(hw)
 
     def update_counters(self) -> None:
         """Brings the traffic counters of the links up to date."""
@@ -238,27 +329,15 @@ class FrameLinks:
             row.waiting_frames = row.waiting_bytes = 0
         for peer in self._connections.peers():
             frames, size = self._connections.waiting(peer.hw)
-            _add_waiting(counters.link(peer.platform, LinkTransport.TCP), frames, size)
-        for link in self._core.links():
-            found = self.find_peer(link.hw)
-            if found is None:
-                continue
-            row = counters.link(found.platform, LinkTransport.UDP)
-            _add_waiting(row, len(link), link.waiting_bytes)
-            session, repeated, arrived = self._counted.get(link.hw, (link.session, 0, 0))
-            if session != link.session:
-                repeated = arrived = 0  # a new link, which counts from 0
-            row.repeated_bytes += link.repeated_bytes - repeated
-            row.delivered_frames += link.arrived_frames - arrived
-            self._counted[link.hw] = link.session, link.repeated_bytes, link.arrived_frames
-            if link.rate.capacity_bytes_s is not None:
-                row.capacity_bytes_s, row.capacity_ns = link.rate.capacity_bytes_s, link.rate.capacity_ns
+            row = counters.link(peer.platform, LinkTransport.TCP)
+            row.waiting_frames += frames
+            row.waiting_bytes += size
+        self._datagrams.count(counters, self.find_peer)
 
     def waiting(self, hw: int) -> tuple[int, int]:
         """Frames that wait for a neighbour or have not arrived, and their bytes."""
-        frames, size = self._connections.waiting(hw)
-        link = self._core.link(hw)
-        return (frames, size) if link is None else (frames + len(link), size + link.waiting_bytes)
+        found = [carrier.waiting(hw) for carrier in self._carriers]
+        return sum(frames for frames, _ in found), sum(size for _, size in found)
 
     def state(self, hw: int) -> ConnectionStatus:
         """How frames travel to a neighbour."""
@@ -273,29 +352,30 @@ class FrameLinks:
             return
         match action:
             case SendPacket(session=session) if session == peer.session:
-                self._datagrams.send_packet(peer, action.data)
+                self._socket.send_packet(peer, action.data)
             case DeliverFrame():
                 self.on_datagram_frame(action.data, peer)
             case FrameBegun():
-                self.on_begun(peer, action.queued.frame)
+                self._events.on_sent(action.queued.frame)
             case FramesDropped():
-                self._events.on_given_up(peer, LinkTransport.UDP, action.frames)
+                self._on_given_up(peer, LinkTransport.UDP, action.frames)
             case MeasureConnection():
                 self._measure_connection(action.hw)
             case SetBuffer():
                 self._connections.limit(action.hw, action.size)
             case UseConnection():
+                now_ns = self._clock.now_ns()
                 for queued in action.frames:
-                    self.send(peer, queued.data, queued.frame)
+                    self._put(peer, QueuedFrame(queued.data, queued.frame, now_ns))
             case UseDatagrams():
                 for queued in self._connections.take_queue(action.hw):
-                    self._send_datagrams(peer, queued)
+                    self._datagrams.send(peer, queued)
 
     def close(self) -> None:
         """Closes all connections and the socket for frames."""
         self._driver.stop()
-        self._datagrams.close()
-        self._connections.close()
+        for carrier in self._carriers:
+            carrier.close()
 
 
 def _needs_connection(frame: Frame) -> bool:
@@ -303,8 +383,3 @@ def _needs_connection(frame: Frame) -> bool:
     if frame.kind is FrameKind.HELLO:
         return not is_check(frame.payload)
     return frame.kind is FrameKind.ROSTER
-
-
-def _add_waiting(row: LinkTraffic, frames: int, size: int) -> None:
-    row.waiting_frames += frames
-    row.waiting_bytes += size

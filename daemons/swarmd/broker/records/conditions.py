@@ -4,7 +4,7 @@ import logging
 from typing import Final
 
 from swarmd.broker.core.beacon.beacon_rate import ReportSlowdown
-from swarmd.broker.core.swarm.swarm_action import ReportDuplicate
+from swarmd.broker.core.membership.sessions import ReportDuplicate
 from swarmd.broker.sockets.pinned_addresses import PinnedAddresses
 from swarmware.health.monitor import HealthMonitor
 from swarmware.model.access_rules import AccessRules

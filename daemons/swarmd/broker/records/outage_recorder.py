@@ -11,7 +11,7 @@ import msgspec
 from swarmd.broker.config import Config
 from swarmd.broker.core.broker import BrokerCore
 from swarmd.broker.core.reports.outages import Action, OutageLog, ReadBacklog, SaveOutages
-from swarmd.broker.core.swarm.neighbours.link import LinkChanged
+from swarmd.broker.core.swarm.links.link import LinkChanged
 from swarmware.errors import ConfigError
 from swarmware.model import document
 from swarmware.model.clock import Clock, utc_ns

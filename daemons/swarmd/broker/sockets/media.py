@@ -8,7 +8,7 @@ from typing import Final
 from swarmd.broker.config import Config
 from swarmd.broker.core.beacon import beacon_codec
 from swarmd.broker.core.swarm.media.medium import Address, MediumProfile
-from swarmd.broker.core.swarm.media.medium_table import MediumAddress, MediumTable, Use
+from swarmd.broker.core.swarm.neighbours.medium_table import MediumAddress, MediumTable, Use
 from swarmd.broker.sockets.medium import DatagramMedium, MediumDatagram, OnArrival, OnLine
 from swarmd.broker.sockets.udp import Udp, further_network, main_network
 from swarmware.model.clock import Clock

@@ -8,9 +8,11 @@ import pytest
 from swarmd.broker.config import Carries, Config, NetworkMedium, SerialMedium
 from swarmd.broker.core.beacon.beacon import Header
 from swarmd.broker.core.beacon.parts.medium_parts import LISTING_BYTES, MediumListing
+from swarmd.broker.core.swarm.links.link import LinkState
 from swarmd.broker.core.swarm.media.medium import COST_MAX, MAIN_MEDIUM, MediumProfile
 from swarmd.broker.core.swarm.media.medium_link import MediumLink
-from swarmd.broker.core.swarm.media.medium_table import (
+from swarmd.broker.core.swarm.neighbour import Neighbour
+from swarmd.broker.core.swarm.neighbours.medium_table import (
     FORGET_NS,
     LISTING_NS,
     ByMedium,
@@ -19,8 +21,6 @@ from swarmd.broker.core.swarm.media.medium_table import (
     connection_host,
     media_of,
 )
-from swarmd.broker.core.swarm.neighbour import Neighbour
-from swarmd.broker.core.swarm.neighbours.link import LinkState
 from swarmd.broker.core.swarm.neighbours.neighbour_table import NeighbourTable
 
 SECOND = 1_000_000_000

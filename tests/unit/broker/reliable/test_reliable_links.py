@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import pytest
 
 from swarmd.broker.config import Config, FrameCarrier
-from swarmd.broker.core.frames.carrier import CLEAN_NS, LinkQuality
+from swarmd.broker.core.frames.carrier_choice import CLEAN_NS, LinkQuality
 from swarmd.broker.core.frames.reliable.link_action import DeliverFrame, FrameBegun, FramesDropped, SendPacket
 from swarmd.broker.core.frames.reliable.packet import Acknowledgement, Packet, Piece, decode, encode
 from swarmd.broker.core.frames.reliable.reliable_link import BLOCKED, BLOCKED_LATER, ReliableLink

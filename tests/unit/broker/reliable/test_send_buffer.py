@@ -10,7 +10,7 @@ from swarmd.broker.core.frames.send_buffer import (
     TRIAL_AGAIN_NS,
     SendBuffer,
 )
-from swarmd.broker.core.swarm.neighbours.link import ConnectionDelay
+from swarmd.broker.core.swarm.links.link import ConnectionDelay
 
 MS = 1_000_000
 LOOK_NS = 40 * MS

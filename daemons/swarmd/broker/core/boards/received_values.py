@@ -7,8 +7,8 @@ from swarmd.broker.core.beacon.beacon import Beacon, RelayedValue
 from swarmd.broker.core.beacon.parts.value_proof import ValueProof
 from swarmd.broker.core.boards.relay_cache import RelayCache, RemoteValue
 from swarmd.broker.core.membership.signatures.signature_checks import SignatureChecks, UnsignedValue
+from swarmd.broker.core.swarm.links.link import LinkState
 from swarmd.broker.core.swarm.neighbour import Neighbour
-from swarmd.broker.core.swarm.neighbours.link import LinkState
 from swarmd.broker.core.traffic import ChannelCounters, Counters
 from swarmware.model.names import hardware_id
 from swarmware.types.net import BoardSubscription

@@ -8,7 +8,7 @@ from typing import Final
 
 import msgspec
 
-from swarmd.broker.core.swarm.neighbours.link import ConnectionDelay
+from swarmd.broker.core.swarm.links.link import ConnectionDelay
 
 SIZE_MIN: Final = 2304
 """First send buffer of a connection, the least that Linux knows: at most 9 kB are on the way then, which a

@@ -73,6 +73,20 @@ class ReportImpersonation(msgspec.Struct, frozen=True):
     roster has."""
 
 
+class ReportDuplicate(msgspec.Struct, frozen=True):
+    """Action: report that two computers use one platform name."""
+
+    platform: str
+    own: bool
+    """It is the own name."""
+    first: bool
+    """It was not reported before."""
+
+
+class ReportDuplicateGone(msgspec.Struct, frozen=True):
+    """Action: report that each platform name is used by one computer again."""
+
+
 class SessionOutcome(msgspec.Struct, frozen=True, gc=False):
     """Consequences of one datagram."""
 
@@ -127,7 +141,11 @@ class _CurrentSession:
 
 
 class Sessions:
-    """Accepted and pending sessions of all nodes in range."""
+    """Accepted and pending sessions of all nodes in range.
+
+    They are apart from the records of neighbours: a replay can claim a session, which must not take the place
+    of a neighbour, and an accepted session counts until another one is proven, also after minutes of silence.
+    """
 
     def __init__(self, own_hw: int, own_session: int, *, connections: bool) -> None:
         """`connections`: whether sessions can be proven over connections; not without keys."""

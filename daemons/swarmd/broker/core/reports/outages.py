@@ -7,7 +7,7 @@ from typing import Final
 import msgspec
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.swarm.neighbours.link import LinkChanged, LinkEvent, LinkState
+from swarmd.broker.core.swarm.links.link import LinkChanged, LinkEvent, LinkState
 from swarmware.types.outage import LinkOutage, OutageCause, OutagePhase, OutageTable
 
 LOOK_NS: Final = 100_000_000

@@ -7,11 +7,11 @@ import msgspec
 
 from swarmd.broker.core.beacon.beacon import INFINITY, PlatformCode
 from swarmd.broker.core.beacon_protocol import BeaconProtocol
-from swarmd.broker.core.frames.carrier import LinkQuality
+from swarmd.broker.core.frames.carrier_choice import LinkQuality
 from swarmd.broker.core.membership.other_swarms import OtherSwarms
+from swarmd.broker.core.swarm.links.link import LinkState
 from swarmd.broker.core.swarm.media.medium_link import MediumLink
 from swarmd.broker.core.swarm.neighbour import Neighbour
-from swarmd.broker.core.swarm.neighbours.link import LinkState
 from swarmd.broker.core.swarm.topology import Topology
 from swarmd.broker.core.traffic import Counters
 from swarmware.model.names import MAIN

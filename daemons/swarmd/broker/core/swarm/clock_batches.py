@@ -23,6 +23,12 @@ class ClockSample(msgspec.Struct, frozen=True, gc=False):
     """Our clock at send of the echoed datagram."""
 
 
+class WriteClockSamples(msgspec.Struct, frozen=True):
+    """Action: write the clock samples since the last own beacon."""
+
+    batch: TimingBatch
+
+
 SAMPLES_NS: Final = 490_000_000
 """Time between two batches of clock samples while no link is new: clocks are estimated from them every three
 seconds. A little less than half a second, so that the batch is due at every fifth check at 10 Hz."""

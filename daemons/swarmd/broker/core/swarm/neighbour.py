@@ -1,7 +1,8 @@
-"""A neighbour: state, loss, cost and deadline of the link to a node in range.
+"""A neighbour: the record of what is known of a node in range.
 
-Everything is derived from beacons: their sequence numbers measure loss, as Babel's Hello does; their echoes
-report what the neighbour received, as IHU (I Heard You) does, with a timestamp.
+All of it is derived from beacons: their sequence numbers measure loss, as Babel's Hello does; their echoes
+report what the neighbour received, as IHU (I Heard You) does, with a timestamp. ADR 23 names the tables that
+are apart from this record, and why.
 """
 
 import math
@@ -11,9 +12,9 @@ from typing import Final
 import msgspec
 
 from swarmd.broker.core.beacon.beacon import NEVER_NS, Hello
+from swarmd.broker.core.swarm.links import solicited
+from swarmd.broker.core.swarm.links.link import COST_MAX, LinkState, link_cost
 from swarmd.broker.core.swarm.media.medium_link import MediumLink
-from swarmd.broker.core.swarm.neighbours import solicited
-from swarmd.broker.core.swarm.neighbours.link import COST_MAX, LinkState, link_cost
 
 WINDOW: Final = 16
 """Datagrams over which loss is measured: the hello history of Babel (RFC 8966, appendix A.1)."""

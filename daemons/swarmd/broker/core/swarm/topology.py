@@ -16,8 +16,8 @@ from swarmd.broker.core.beacon.beacon import (
 from swarmd.broker.core.beacon.beacon_codec import ECHO_BYTES, REQUEST_BYTES, ROW_BYTES
 from swarmd.broker.core.beacon.request_parts import request_part_bytes
 from swarmd.broker.core.swarm.clock_batches import ClockSample
+from swarmd.broker.core.swarm.links.link import LinkChanged, LinkEvent, LinkState, rtt_penalty
 from swarmd.broker.core.swarm.neighbour import Neighbour
-from swarmd.broker.core.swarm.neighbours.link import LinkChanged, LinkEvent, LinkState, rtt_penalty
 from swarmd.broker.core.swarm.neighbours.neighbour_table import NeighbourTable
 from swarmd.broker.core.swarm.routes.destination_routes import newer
 from swarmd.broker.core.swarm.routes.routing_table import HYSTERESIS, REQUESTS_MAX, RouteChanged, RoutingTable

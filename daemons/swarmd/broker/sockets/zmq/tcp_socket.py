@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Final
 
-from swarmd.broker.core.swarm.neighbours.link import ConnectionDelay
+from swarmd.broker.core.swarm.links.link import ConnectionDelay
 
 _TCP_INFO_BYTES: Final = 256
 _ROUND_TRIP: Final = struct.Struct("<24xI28xI8xI76xI")

@@ -62,6 +62,8 @@ class ReliableLink:
         self._incoming = Reassembly()
         self._next_number = 0
         self._paced_until_ns: int | None = None
+        self._counted = 0, 0
+        """Repeated bytes and acknowledged frames at the last call of `take_counts`."""
 
     def __len__(self) -> int:
         """Frames that have not arrived."""
@@ -83,10 +85,11 @@ class ReliableLink:
         """Bytes of pieces that were sent again."""
         return self._outgoing.repeated_bytes
 
-    @property
-    def arrived_frames(self) -> int:
-        """Frames that the neighbour acknowledged."""
-        return self._outgoing.arrived_frames
+    def take_counts(self) -> tuple[int, int]:
+        """Repeated bytes and acknowledged frames since the last call."""
+        outgoing, (repeated_bytes, arrived_frames) = self._outgoing, self._counted
+        self._counted = outgoing.repeated_bytes, outgoing.arrived_frames
+        return outgoing.repeated_bytes - repeated_bytes, outgoing.arrived_frames - arrived_frames
 
     @property
     def waiting_bytes(self) -> int:

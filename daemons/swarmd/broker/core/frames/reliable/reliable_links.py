@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Final
 import msgspec
 
 from swarmd.broker.config import Config, FrameCarrier
-from swarmd.broker.core.frames.carrier import CLEAN, Carrier, LinkQuality
+from swarmd.broker.core.frames.carrier_choice import CLEAN, CarrierChoice, LinkQuality
 from swarmd.broker.core.frames.reliable.link_action import LinkAction
 from swarmd.broker.core.frames.send_queue import QueuedFrame
-from swarmd.broker.core.swarm.neighbours.link import ConnectionDelay
+from swarmd.broker.core.swarm.links.link import ConnectionDelay
 
 if TYPE_CHECKING:
     from swarmd.broker.core.frames.reliable.reliable_link import ReliableLink
@@ -58,84 +58,104 @@ class SetBuffer(msgspec.Struct, frozen=True):
 Action = LinkAction | UseConnection | UseDatagrams | MeasureConnection | SetBuffer
 
 
+class _Neighbour:
+    """The choice of the carrier to one neighbour, what was measured for it, and the reliable link.
+
+    This lives longer than the neighbour's record: a lossy link that returns begins with datagrams.
+    """
+
+    __slots__ = ("check_ns", "choice", "link", "quality")
+
+    def __init__(self) -> None:
+        self.choice = CarrierChoice()
+        self.quality: LinkQuality | None = None
+        """Last measurement by beacons, or None if the link is down or was not measured yet."""
+        self.check_ns: int | None = None
+        """When the connections are measured, because frames wait for them."""
+        self.link: ReliableLink | None = None
+
+
 class ReliableLinks:
     """Reliable links by neighbour, and the choice between them and connections."""
 
     def __init__(self, config: Config) -> None:
         self._kind = config.frames
-        self._links: dict[int, ReliableLink] = {}
-        self._carriers: dict[int, Carrier] = {}
-        self._qualities: dict[int, LinkQuality] = {}
-        self._checks: dict[int, int] = {}
-        """When the connections to a neighbour are measured, because frames wait for them."""
+        self._neighbours: dict[int, _Neighbour] = {}
 
     def uses_datagrams(self, hw: int) -> bool:
         """Whether frames for a neighbour travel in datagrams."""
-        carrier = self._carriers.get(hw)
-        return carrier is not None and carrier.by_datagram
+        known = self._neighbours.get(hw)
+        return known is not None and known.choice.by_datagram
 
     def is_clean(self, hw: int) -> bool:
         """Whether frames for a neighbour travel over a connection of whose beacons nearly none is lost or
         late."""
-        carrier = self._carriers.get(hw)
-        return carrier is not None and self._kind is FrameCarrier.AUTO and carrier.is_clean
+        known = self._neighbours.get(hw)
+        if known is None or known.quality is None:
+            return False
+        return self._kind is FrameCarrier.AUTO and known.choice.is_clean
 
     def link(self, hw: int) -> "ReliableLink | None":
         """The reliable link of a neighbour, if there is one."""
-        return self._links.get(hw)
+        known = self._neighbours.get(hw)
+        return None if known is None else known.link
 
     def links(self) -> "list[ReliableLink]":
         """The reliable links to all neighbours."""
-        return list(self._links.values())
+        return [known.link for known in self._neighbours.values() if known.link is not None]
 
     def on_quality(self, hw: int, quality: LinkQuality, now_ns: int) -> list[Action]:
         """What beacons measure of the link to a neighbour, once a second while it is up."""
-        self._qualities[hw] = quality
-        carrier = self._carrier(hw)
-        carrier.on_quality(quality)
-        link = self._links.get(hw)
+        known = self._known(hw)
+        known.quality = quality
+        choice, link = known.choice, known.link
+        choice.on_quality(quality)
         if link is not None:
-            link.rate.on_link_loss(carrier.loss)
+            link.rate.on_link_loss(choice.loss)
             if link.is_blocked and max(quality.loss, quality.silence) < OUTAGE:
-                carrier.on_block(now_ns + BLOCKED_NS)
+                choice.on_block(now_ns + BLOCKED_NS)
                 return [UseConnection(hw, link.clear(now_ns))]
-        if carrier.by_datagram:
+        if choice.by_datagram:
             is_full = link is not None and link.is_full
             is_used = quality.is_opening or self._kind is FrameCarrier.UDP or is_full
-            carrier.end_when_clean(is_used, now_ns)
+            choice.end_when_clean(is_used, now_ns)
             return []
-        return self._choose(hw, carrier, now_ns)
+        return self._choose(hw, known, now_ns)
 
     def on_waiting(self, hw: int, now_ns: int) -> list[Action]:
         """Frames wait for the connections to a neighbour."""
-        if not self.uses_datagrams(hw):
-            self._checks.setdefault(hw, now_ns + CHECK_NS)
+        known = self._known(hw)
+        if not known.choice.by_datagram and known.check_ns is None:
+            known.check_ns = now_ns + CHECK_NS
         return []
 
     def on_connection(
         self, hw: int, delay: ConnectionDelay | None, is_waiting: bool, now_ns: int
     ) -> list[Action]:
         """What was measured of the connections to a neighbour, and whether frames wait for them."""
-        carrier = self._carrier(hw)
-        size = carrier.on_connection(delay, is_waiting, now_ns)
-        chosen = [] if carrier.by_datagram else self._choose(hw, carrier, now_ns)
+        known = self._known(hw)
+        size = known.choice.on_connection(delay, is_waiting, now_ns)
+        chosen = [] if known.choice.by_datagram else self._choose(hw, known, now_ns)
         if is_waiting:
             self.on_waiting(hw, now_ns)
         return chosen if size is None else [SetBuffer(hw, size), *chosen]
 
-    def _carrier(self, hw: int) -> Carrier:
-        return self._carriers.setdefault(hw, Carrier())
+    def _known(self, hw: int) -> _Neighbour:
+        known = self._neighbours.get(hw)
+        if known is None:
+            known = self._neighbours[hw] = _Neighbour()
+        return known
 
-    def _choose(self, hw: int, carrier: Carrier, now_ns: int) -> list[Action]:
-        if not carrier.wants_datagrams(self._kind, now_ns):
+    def _choose(self, hw: int, known: _Neighbour, now_ns: int) -> list[Action]:
+        if not known.choice.wants_datagrams(self._kind, now_ns):
             return []
-        return self._begin_datagrams(hw, carrier)
+        return self._begin_datagrams(hw, known)
 
-    def _begin_datagrams(self, hw: int, carrier: Carrier) -> list[Action]:
-        carrier.begin_datagrams()
-        link = self._links.get(hw)
-        if link is not None and carrier.queued_rtt_ns is not None:
-            link.on_queue(carrier.queued_rtt_ns)
+    def _begin_datagrams(self, hw: int, known: _Neighbour) -> list[Action]:
+        choice, link = known.choice, known.link
+        choice.begin_datagrams()
+        if link is not None and choice.queued_rtt_ns is not None:
+            link.on_queue(choice.queued_rtt_ns)
         return [UseDatagrams(hw)]
 
     def on_frame(self, hw: int, session: int, queued: QueuedFrame, now_ns: int) -> list[Action]:
@@ -152,15 +172,15 @@ class ReliableLinks:
         Raises: WireError for a packet that no correct neighbour sends.
         """
         link, actions = self._current(hw, session, now_ns)
-        carrier = self._carriers.get(hw)
+        known = self._neighbours[hw]
+        choice = known.choice
         if (
-            carrier is not None
-            and not carrier.by_datagram
-            and carrier.loss > CLEAN
+            not choice.by_datagram
+            and choice.loss > CLEAN
             and self._kind is not FrameCarrier.TCP
-            and now_ns >= carrier.blocked_until_ns
+            and now_ns >= choice.blocked_until_ns
         ):
-            actions += self._begin_datagrams(hw, carrier)  # the neighbour measures more loss
+            actions += self._begin_datagrams(hw, known)  # the neighbour measures more loss
         return actions + list(link.on_packet(data, now_ns, arrived_ns))
 
     def _current(self, hw: int, session: int, now_ns: int) -> "tuple[ReliableLink, list[Action]]":
@@ -169,15 +189,15 @@ class ReliableLinks:
             ReliableLink,  # of links that lose packets
         )
 
-        former = self._links.get(hw)
+        known = self._known(hw)
+        former, choice = known.link, known.choice
         if former is not None and former.session == session:
             return former, []
-        quality = self._qualities.get(hw, UNKNOWN)
-        carrier = self._carrier(hw)
-        link = ReliableLink(hw, session, quality.rtt_ns, quality.loss, now_ns, carrier.base_ns)
-        self._links[hw] = link
-        if carrier.queued_rtt_ns is not None:
-            link.on_queue(carrier.queued_rtt_ns)
+        quality = known.quality or UNKNOWN
+        link = ReliableLink(hw, session, quality.rtt_ns, quality.loss, now_ns, choice.base_ns)
+        known.link = link
+        if choice.queued_rtt_ns is not None:
+            link.on_queue(choice.queued_rtt_ns)
         actions: list[Action] = []
         for queued in [] if former is None else former.clear(now_ns):
             actions += link.on_frame(queued, now_ns)
@@ -186,20 +206,20 @@ class ReliableLinks:
     def on_timer(self, now_ns: int) -> list[Action]:
         """Everything that is due on any link."""
         actions: list[Action] = []
-        for link in self._links.values():
-            due_ns = link.deadline_ns()
-            if due_ns is None or due_ns > now_ns:
-                continue
-            actions += link.on_due(now_ns)
-        for hw in [hw for hw, due_ns in self._checks.items() if due_ns <= now_ns]:
-            del self._checks[hw]
-            actions.append(MeasureConnection(hw))
+        for hw, known in self._neighbours.items():
+            if known.link is not None:
+                due_ns = known.link.deadline_ns()
+                if due_ns is not None and due_ns <= now_ns:
+                    actions += known.link.on_due(now_ns)
+            if known.check_ns is not None and known.check_ns <= now_ns:
+                known.check_ns = None
+                actions.append(MeasureConnection(hw))
         return actions
 
     def deadline_ns(self) -> int | None:
         """The earliest deadline of all links."""
-        instants = [link.deadline_ns() for link in self._links.values()]
-        instants += self._checks.values()
+        instants = [link.deadline_ns() for link in self.links()]
+        instants += [known.check_ns for known in self._neighbours.values()]
         return min((one for one in instants if one is not None), default=None)
 
     def on_gone(self, hw: int, now_ns: int) -> list[QueuedFrame]:
@@ -207,9 +227,12 @@ class ReliableLinks:
 
         If its link lost packets, it begins with datagrams when it returns.
         """
-        if not self.uses_datagrams(hw):
-            self._carriers.pop(hw, None)
-        self._qualities.pop(hw, None)
-        self._checks.pop(hw, None)
-        link = self._links.get(hw)
-        return [] if link is None else link.clear(now_ns)
+        known = self._neighbours.pop(hw, None)
+        if known is None:
+            return []
+        if known.choice.by_datagram or known.link is not None:
+            kept = self._neighbours[hw] = _Neighbour()
+            kept.link = known.link
+            if known.choice.by_datagram:
+                kept.choice = known.choice
+        return [] if known.link is None else known.link.clear(now_ns)

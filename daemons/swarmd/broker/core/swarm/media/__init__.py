@@ -1,1 +1,1 @@
-"""Media below the broker: by what datagrams travel to each neighbour, how good that is, and which is used."""
+"""Media below the broker: by what datagrams travel, and how many of them arrive over each."""

@@ -1,1 +1,1 @@
-"""Neighbours of this node: state, loss, cost and deadline of the link to each, and its addresses."""
+"""All neighbours of this node: who is due or silent, and by which medium and address each is reached."""

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterable
 from typing import Final
 
+from swarmd.broker.core.swarm.links.link import LinkState
 from swarmd.broker.core.swarm.neighbour import LinkPeer, Neighbour
-from swarmd.broker.core.swarm.neighbours.link import LinkState
 from swarmd.broker.core.swarm.neighbours.neighbour_table import NeighbourTable
 from swarmd.broker.core.swarm.node_table import NodeTable
 

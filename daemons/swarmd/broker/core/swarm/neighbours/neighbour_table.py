@@ -5,6 +5,14 @@ from typing import Final
 from swarmd.broker.core.beacon.beacon import ANSWERED_SEQUENCES, NEVER_NS, NO_ECHO, Echo, Header, Hello
 from swarmd.broker.core.beacon.parts.solicitation import ASKED_MAX
 from swarmd.broker.core.swarm.clock_batches import ClockSample
+from swarmd.broker.core.swarm.links.link import (
+    RECEIVED,
+    TRANSITIONS,
+    LinkChanged,
+    LinkEvent,
+    LinkState,
+    link_cost,
+)
 from swarmd.broker.core.swarm.neighbour import (
     CLOCK_HIGH_MAX,
     FAR_NS,
@@ -17,14 +25,6 @@ from swarmd.broker.core.swarm.neighbour import (
     UNLISTED_SLACK_NS,
     WINDOW,
     Neighbour,
-)
-from swarmd.broker.core.swarm.neighbours.link import (
-    RECEIVED,
-    TRANSITIONS,
-    LinkChanged,
-    LinkEvent,
-    LinkState,
-    link_cost,
 )
 from swarmd.broker.core.swarm.routes.destination_routes import is_much_worse
 

@@ -1,4 +1,4 @@
-"""What carries the frames to a neighbour, its connections or datagrams: from loss and delay of the link.
+"""The choice of a carrier for a neighbour, connections or datagrams, from loss and delay of the link.
 
 Where frames wait while the kernel measures a queue, or no connection can be opened, datagrams take them.
 """
@@ -9,7 +9,7 @@ import msgspec
 
 from swarmd.broker.config import FrameCarrier
 from swarmd.broker.core.frames.send_buffer import SendBuffer
-from swarmd.broker.core.swarm.neighbours.link import ConnectionDelay
+from swarmd.broker.core.swarm.links.link import ConnectionDelay
 
 LOSSY: Final = 0.05
 """Smoothed loss of the beacons from which on frames travel in datagrams."""
@@ -41,8 +41,8 @@ class LinkQuality(msgspec.Struct, frozen=True):
     """Whether a connection to it is not open."""
 
 
-class Carrier:
-    """What carries the frames to one neighbour, and what was measured for that choice."""
+class CarrierChoice:
+    """The carrier of the frames to one neighbour, with hysteresis, and the measurements that decide it."""
 
     def __init__(self) -> None:
         self.by_datagram = False

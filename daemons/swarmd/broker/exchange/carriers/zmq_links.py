@@ -12,8 +12,8 @@ import zmq
 from swarmd.broker.config import EVERYWHERE, Config
 from swarmd.broker.core.frames.send_buffer import SIZE_MIN
 from swarmd.broker.core.frames.send_queue import ConnectionClass, QueuedFrame, SendQueue, connection_class
+from swarmd.broker.core.swarm.links.link import ConnectionDelay
 from swarmd.broker.core.swarm.neighbour import LinkPeer
-from swarmd.broker.core.swarm.neighbours.link import ConnectionDelay
 from swarmd.broker.exchange.link_events import ConnectionEvents
 from swarmd.broker.sockets.zmq.tcp_count import TcpCount
 from swarmd.broker.sockets.zmq.tcp_socket import TcpSocket
@@ -79,7 +79,7 @@ class _Connection:
             self._port.socket.send(data, zmq.NOBLOCK)
         except zmq.Again:
             return False
-        self._links.events.on_sent(self._owner.peer, len(data), frame)
+        self._links.events.on_taken(self._owner.peer, len(data), frame)
         return True
 
     def flush(self, now_ns: int) -> None:
@@ -99,7 +99,7 @@ class _Connection:
             except zmq.Again:
                 break
             queue.pop(connection_class)
-            self._links.events.on_sent(self._owner.peer, len(waiting.data), waiting.frame)
+            self._links.events.on_taken(self._owner.peer, len(waiting.data), waiting.frame)
             sent = True
         if sent and queue:
             self._port.again()  # a send processes commands: the descriptor may be silent about new room
@@ -163,8 +163,8 @@ class _PeerConnections:
         connected = all(one.connected for one in self._connections.values())
         return ConnectionStatus.CONNECTED if connected else ConnectionStatus.CONNECTING
 
-    def put(self, data: bytes, frame: Frame, since_ns: int | None = None) -> list[QueuedFrame]:
-        """`since_ns`: when it was queued first, if it was."""
+    def put(self, queued: QueuedFrame) -> list[QueuedFrame]:
+        data, frame = queued.data, queued.frame
         wanted = connection_class(frame)
         connection = self._connections.get(wanted)
         if connection is None:
@@ -172,10 +172,9 @@ class _PeerConnections:
         deferred = self.links.deferred
         if deferred is None and not self.queue and connection.send_at_once(data, frame):
             return []
-        now_ns = self.links.now_ns()
-        gone = self.queue.put(data, frame, now_ns if since_ns is None else since_ns)
+        gone = self.queue.put(data, frame, queued.since_ns)
         if deferred is None:
-            self.flush(now_ns)
+            self.flush(self.links.now_ns())
         else:
             deferred[self] = None
         return gone
@@ -335,23 +334,23 @@ class ZmqLinks:
             for connections in deferred:
                 connections.flush(now_ns)
 
-    def send(self, peer: LinkPeer, data: bytes, frame: Frame) -> list[QueuedFrame]:
+    def send(self, peer: LinkPeer, queued: QueuedFrame) -> list[QueuedFrame]:
         """Sends or queues a frame for a neighbour; returns the frames that were dropped from the queue."""
         connections = self._peers.get(peer.hw)
         if connections is not None and connections.peer is peer and not connections.denied:
-            return connections.put(data, frame)
+            return connections.put(queued)
         gone: list[QueuedFrame] = []
         if connections is not None and connections.denied:
             if self.now_ns() < connections.denied_until_ns:
-                return [QueuedFrame(data, frame, self.now_ns())]
+                return [queued]
             self._peers.pop(peer.hw).close()
             connections = None
         if connections is None or connections.peer != peer:
             waiting = connections.close() if connections is not None else []
             connections = self._peers[peer.hw] = _PeerConnections(self, peer)
             for item in waiting:
-                gone += connections.put(item.data, item.frame, item.since_ns)
-        return gone + connections.put(data, frame)
+                gone += connections.put(item)
+        return gone + connections.put(queued)
 
     def disconnect(self, hw: int) -> list[QueuedFrame]:
         """Closes the connections to a lost neighbour; returns the frames that were queued for it.

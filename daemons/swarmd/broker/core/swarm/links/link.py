@@ -20,7 +20,7 @@ class LinkState(IntEnum):
     UNKNOWN = 4
     """No beacon of an accepted session has arrived: a new record, for the time of one call."""
     FORGOTTEN = 5
-    """Silent for so long that its record is removed."""
+    """Silent for minutes: its record is removed."""
 
 
 class LinkEvent(IntEnum):

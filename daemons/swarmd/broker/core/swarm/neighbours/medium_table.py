@@ -4,6 +4,8 @@ from collections.abc import Iterable, Sequence
 from enum import Enum
 from typing import Final, NamedTuple
 
+import msgspec
+
 from swarmd.broker.config import Carries, Config
 from swarmd.broker.core.beacon.beacon import NEVER_NS, Header
 from swarmd.broker.core.beacon.parts.medium_parts import LISTING_BYTES, MediumListing
@@ -51,6 +53,12 @@ class ByMedium(NamedTuple):
 
     medium: MediumProfile
     number: int
+
+
+class MediumChanged(msgspec.Struct, frozen=True):
+    """Action: frames to a neighbour take another medium from now on."""
+
+    hw: int
 
 
 class MediumTable:

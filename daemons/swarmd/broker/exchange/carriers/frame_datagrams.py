@@ -13,8 +13,8 @@ from swarmd.broker.core.frames import frame_datagram
 from swarmd.broker.core.frames.frame_datagram import DatagramPaths
 from swarmd.broker.core.membership.datagram_limiter import DatagramLimiter, member_ids
 from swarmd.broker.core.swarm.media.medium import MAIN_MEDIUM, Address, MediumProfile
-from swarmd.broker.core.swarm.media.medium_table import MediumAddress, Use
 from swarmd.broker.core.swarm.neighbour import LinkPeer
+from swarmd.broker.core.swarm.neighbours.medium_table import MediumAddress, Use
 from swarmd.broker.core.traffic import Counters
 from swarmd.broker.exchange.link_events import DatagramEvents
 from swarmd.broker.sockets import arrival_stamp

@@ -3,7 +3,7 @@
 import pytest
 
 from swarmd.broker.config import Config, FrameCarrier
-from swarmd.broker.core.frames.carrier import CLEAN_NS, QUEUE_NS, UNOPENED_NS, LinkQuality
+from swarmd.broker.core.frames.carrier_choice import CLEAN_NS, QUEUE_NS, UNOPENED_NS, LinkQuality
 from swarmd.broker.core.frames.reliable.link_action import SendPacket
 from swarmd.broker.core.frames.reliable.reliable_links import (
     CHECK_NS,
@@ -15,7 +15,7 @@ from swarmd.broker.core.frames.reliable.reliable_links import (
 )
 from swarmd.broker.core.frames.send_buffer import FREE_NS, SIZE_MAX, SIZE_MIN
 from swarmd.broker.core.frames.send_queue import QueuedFrame
-from swarmd.broker.core.swarm.neighbours.link import ConnectionDelay
+from swarmd.broker.core.swarm.links.link import ConnectionDelay
 from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.transport.retransmission.rate_control import PACKET_BYTES, WINDOW_MIN
 
