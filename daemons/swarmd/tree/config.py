@@ -21,11 +21,11 @@ class RuleConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     pattern: str
     """Pattern of local paths: `power/**`."""
     deadband: Annotated[float, msgspec.Meta(ge=0)] = 0.0
-    """A number must differ by more than this from the value sent last; 0: any change."""
+    """A number must differ by more than this from the value sent last, or 0 if any change is sent."""
     min_interval_s: Annotated[float, msgspec.Meta(ge=0, le=3600)] = 0.0
     """Minimum time between two notifications, unless the owner of the value has set its rate."""
     max_interval_s: Annotated[float, msgspec.Meta(ge=0, le=86_400)] = 0.0
-    """Time after which a value is sent again without a change; 0: never."""
+    """Time after which a value is sent again without a change, or 0 if never."""
 
     def __post_init__(self) -> None:
         Pattern(self.pattern)
@@ -54,15 +54,15 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     forget_s: Seconds = 600.0
     """Time without reachability after which a platform is removed with its mirrors."""
     broadcast_s: Seconds = 2.0
-    """Time to wait for the structure of a neighbour in its beacons, before it is requested; 0: it is
-    requested at once."""
+    """Time to wait for the structure of a neighbour in its beacons before a request, or 0 to request it at
+    once."""
     answer_s: Pause = 2.0
     """Time-out of requests to other trees."""
     whole_swarm: bool = False
     """Replicate the trees of all platforms; else of neighbours, and of those with a subscription."""
     keep: tuple[str, ...] | None = None
     """Local paths of every other platform whose newest value is kept, once a second, for the case that the
-    platform is lost; left out: pose, battery and state at a ground station, nothing on a vehicle."""
+    platform is lost; by default pose, battery and state at a ground station, nothing on a vehicle."""
     rules: tuple[RuleConfig, ...] = ()
     """Rules; the first that matches a path applies."""
 

@@ -46,7 +46,7 @@ class SendNotify(msgspec.Struct, frozen=True, gc=False):
     platform: str
     notify: TreeNotify
     codings: Mapping[str, Coding] = {}
-    """How the values of a path are compressed on the way; others are not."""
+    """Compression of the values by path; a path without an entry is not compressed."""
 
     @property
     def kind(self) -> FrameKind:
@@ -76,10 +76,10 @@ class WriteMirror(msgspec.Struct, frozen=True, gc=False):
     """Write a value of another node to its mirror."""
 
     platform: str
-    """Platform of the mirror, or the node where it is of exactly this one."""
+    """Platform of the mirror, or the node if the mirror holds values of exactly one computer."""
     item: TreeItem
     epoch: int
-    """Of the tree that sent it: after a restart of its platform, numbers and stamps begin again."""
+    """Epoch of the tree that sent the value; after a restart, numbers and stamps begin again."""
     unit: str = MAIN
     """Computer of the platform that sent it."""
     late: bool = False
@@ -105,7 +105,7 @@ class WriteMirror(msgspec.Struct, frozen=True, gc=False):
 
 
 class PruneMirrors(msgspec.Struct, frozen=True, gc=False):
-    """Remove the mirrors of a platform except those of these resources."""
+    """Remove the mirrors of a platform except the mirrors of these resources."""
 
     platform: str
     paths: frozenset[str]

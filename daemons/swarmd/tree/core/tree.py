@@ -33,11 +33,11 @@ class Reachability(msgspec.Struct, frozen=True, gc=False):
     """How one node is reachable."""
 
     version: int | None
-    """Version of its tree in the newest beacon or route; None: unknown."""
+    """Version of its tree in the newest beacon or route, or None if unknown."""
     near: bool
-    """It is a neighbour: reachable without a hop."""
+    """Whether it is a neighbour, reachable without a hop."""
     multicast: bool = False
-    """It is a neighbour whose beacons come by multicast."""
+    """Whether it is a neighbour whose beacons come by multicast."""
 
 
 def reachable(own: str, neighbours: Neighbours | None, routes: Routes | None) -> dict[str, Reachability]:
@@ -74,8 +74,8 @@ class SwarmTree:
         access: Access | None = None,
     ) -> None:
         """`name`: of this node, with its unit where that is not `main`. `epoch`: a random number of this
-        start. `templates`: those that other platforms may have, too. `access`: rules of this platform;
-        None: the default ones."""
+        start. `templates`: further templates that other platforms may have. `access`: rules of this
+        platform, or None for the default ones."""
         self._actions: list[Action] = []
         emit = self._actions.append
         template = tuple(template)
@@ -174,7 +174,7 @@ class SwarmTree:
     # -- the network
 
     def on_former_mirrors(self, platform: str, now_ns: int) -> list[Action]:
-        """Mirrors of a platform exist from a former start: they expire like those of a lost platform."""
+        """Mirrors of a platform exist from a former start; they expire like mirrors of a lost platform."""
         self.replicas.on_former_mirrors(platform, now_ns)
         return self._take_actions()
 
@@ -221,7 +221,7 @@ class SwarmTree:
         return self.subscribers.on_subscribe(request, sender, now_ns), self._take_actions()
 
     def on_structure(self, platform: str, reply: StructureReply | None, now_ns: int) -> list[Action]:
-        """Reply to `RequestStructure`; None: there was none."""
+        """Reply to `RequestStructure`, or None without a reply."""
         self.replicas.on_structure(platform, reply, now_ns)
         self._follow_units(now_ns)
         return self._take_actions()
@@ -229,7 +229,7 @@ class SwarmTree:
     def on_subscribed(
         self, platform: str, reply: SubscribeReply | None, asked: int, now_ns: int
     ) -> list[Action]:
-        """Reply to `RequestSubscription` with the set digest `asked`; None: there was none."""
+        """Reply to `RequestSubscription` with the set digest `asked`, or None without a reply."""
         self.replicas.on_subscribed(platform, reply, asked, now_ns)
         return self._take_actions()
 
@@ -257,7 +257,7 @@ class SwarmTree:
         return self._take_actions()
 
     def deadline_ns(self) -> int | None:
-        """When `on_timer` must be called; None: no deadline."""
+        """When `on_timer` must be called, or None without a deadline."""
         soonest = self.local.deadline_ns()
         for when in (self.replicas.deadline_ns(), self.subscribers.deadline_ns()):
             if when is not None and (soonest is None or when < soonest):
@@ -271,7 +271,7 @@ class SwarmTree:
     # -- for the broker
 
     def broadcast(self) -> StructureBroadcast | None:
-        """The own structure for the beacons; None: it is empty, or too large for them."""
+        """The own structure for the beacons, or None if it is empty or too large for them."""
         found = self.local.changes_to_template()
         if found is None or len(found.data) > BROADCAST_LIMIT:
             return None

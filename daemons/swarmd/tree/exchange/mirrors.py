@@ -25,7 +25,7 @@ class Mirrors:
         return self._writer.written
 
     def platforms(self) -> list[str]:
-        """Platforms with mirrors, including those of a former start."""
+        """Platforms with mirrors, including mirrors of a former start."""
         return self._writer.platforms()
 
     def write(self, action: WriteMirror) -> None:
@@ -58,7 +58,7 @@ class Mirrors:
             self._writer.release(*key)
 
     def prune(self, platform: str, paths: Collection[str]) -> None:
-        """Removes the mirrors of a platform except those of these paths."""
+        """Removes the mirrors of a platform except the mirrors of these paths."""
         for key in [key for key in self._waiting if key[0] == platform and key[1] not in paths]:
             del self._waiting[key]
         self._writer.prune(platform, paths)

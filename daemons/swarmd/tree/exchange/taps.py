@@ -22,7 +22,7 @@ class Peek:
         self._followers: dict[tuple[str | None, str], RingFollower] = {}
 
     def frame(self, path: str, platform: str | None = None) -> Frame | None:
-        """The newest frame; None when there is none."""
+        """The newest frame, or None before the first."""
         key = (platform, path)
         follower = self._followers.pop(key, None)
         if follower is None:
@@ -35,7 +35,7 @@ class Peek:
         return frame
 
     def older(self, path: str, platform: str | None = None) -> Frame | None:
-        """The oldest frame that is still there beside the one that `frame` has returned."""
+        """The oldest frame in the ring whose newest frame `frame` has returned."""
         follower = self._followers.get((platform, path))
         return None if follower is None else follower.oldest()
 

@@ -36,7 +36,7 @@ log = logging.getLogger("swarm.tree")
 
 
 class TreeExchange:
-    """Sends the requests and notifications of the core to other trees, and feeds it those of other trees."""
+    """Sends the core's requests and notifications to other trees, and feeds the core what they send."""
 
     def __init__(
         self,

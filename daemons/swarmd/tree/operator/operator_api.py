@@ -197,7 +197,7 @@ class OperatorApi:
     async def _change_here(
         self, resource: Resource, meta: Meta, change: Callable[[str, str], Awaitable[TreeSetDone]]
     ) -> TreeSetDone:
-        """Make a change and record it, also one that is refused. Raises: Denied, as `change`."""
+        """Make a change and record it, or its refusal. Raises: Denied, as `change`."""
         shown = names.join(self._module.platform, resource.path)
         before, by = self._view.own_text(resource), self._module.requester(meta)
         via = () if meta.sender is None else meta.sender.via

@@ -68,7 +68,7 @@ class RuleApi:
 
 
 def _rule_text(rules: tuple[Rule, ...], pattern: str) -> str:
-    """The rule of a pattern for the record of changes; empty: there is none."""
+    """The rule of a pattern for the record of changes, or "" without one."""
     found = next((rule for rule in rules if rule.pattern == pattern), None)
     if found is None:
         return ""

@@ -31,7 +31,7 @@ class TreeView:
         now_ns: Callable[[], int],
         to_local_ns: Callable[[int, int], int | None],
     ) -> None:
-        """`to_local_ns`: converts a stamp of another unit's clock; None: that clock is unknown."""
+        """`to_local_ns`: converts a stamp of another unit's clock; returns None if that clock is unknown."""
         self._tree = tree
         self._peek = peek
         self._now_ns = now_ns
@@ -46,7 +46,7 @@ class TreeView:
         return sorted({self._own, *self._units.platforms()}, key=names.natural)
 
     def platform(self, platform: str) -> TreePlatform:
-        """State of the tree of one platform: of its unit `main`, or of the first one that is known."""
+        """State of the tree of one platform: of its unit `main`, or of its first known unit."""
         size, digest = 0, 0
         for index in self._indexes(platform)[:1]:
             size, digest = len(index), index.digest
@@ -78,7 +78,7 @@ class TreeView:
     # -- resources
 
     def find(self, name: str, local: str) -> tuple[Replica | None, Leaf] | None:
-        """A resource of a platform, or of a computer, and the computer that provides it; None: this one."""
+        """A resource of a platform or computer, and the computer that provides it, or None for this one."""
         if name == self._tree.address.path:
             item = self._tree.local.index.get(local)
             return None if item is None else (None, item)
@@ -107,7 +107,7 @@ class TreeView:
     def matching(self, wanted: Pattern, rest: str, after: str) -> Iterator[tuple[str, list[Leaf]]]:
         """The resources that match, by name, behind the path `after`. Raises: InvalidInput.
 
-        The name is that of the platform; that of a computer where the pattern has a point.
+        A name is a platform's, or a computer's where the pattern has a point.
         """
         last, last_local = names.split(after) if after else (None, "")
         for name in self._computers() if wanted.names_unit else self.platforms():
@@ -153,7 +153,7 @@ class TreeView:
     def own_value(self, leaf: Leaf, version: int | None) -> TreeValue:
         """The newest value of a resource of this platform; `version`: of a setting.
 
-        Raises: NotFound if there is none.
+        Raises: NotFound without a value.
         """
         resource = leaf.resource
         path = names.join(self._own, resource.path)
@@ -181,7 +181,7 @@ class TreeView:
         return None if resource.kind in _VALUELESS else self._peek.frame(resource.path)
 
     def own_text(self, resource: Resource) -> str:
-        """The newest value of a resource of this platform as JSON; empty: there is none."""
+        """The newest value of a resource of this platform as JSON, or "" without a value."""
         frame = self.own_frame(resource)
         if frame is None:
             return ""

@@ -1,4 +1,4 @@
-"""Descriptions and classes of payload types: those of every node, and those that applications define."""
+"""Descriptions and classes of payload types: types of every node, and types that applications define."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -20,7 +20,7 @@ class TypeCatalogue:
     """Finds a type by its name, at this platform or as another platform has described it."""
 
     def __init__(self, platform: str, applications: Iterable[AppEntry]) -> None:
-        """`applications`: the running ones, iterated at each question."""
+        """`applications`: the running applications, iterated at each question."""
         self._platform = platform
         self._applications = applications
         self._kept: dict[tuple[str, str], TypeDescription] = {}

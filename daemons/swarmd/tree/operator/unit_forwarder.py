@@ -38,7 +38,7 @@ class UnitForwarder:
         return name in {self._module.platform, self._module.node.address.path}
 
     def provider(self, path: str) -> Address | None:
-        """Another computer of this platform that provides a path; None: this one, or another platform."""
+        """Another computer of this platform that provides a path, or None if no other one does."""
         name, local = self.split(path)
         if name != self._module.platform:
             return None
@@ -48,7 +48,7 @@ class UnitForwarder:
     async def forward(
         self, unit: Address, verb: str, request: msgspec.Struct, reply: type[R], meta: Meta, path: str = ""
     ) -> R:
-        """Ask the tree of a computer; a `path` of the request is replaced by that of exactly this computer.
+        """Ask the tree of a computer; a `path` of the request becomes the path at exactly this computer.
 
         Raises: as the other tree; NoAnswer.
         """
@@ -63,7 +63,7 @@ class UnitForwarder:
         )
 
     def _requester(self, sender: Sender | None) -> Sender | None:
-        """Who asked, as this platform states it to its other computers; None: the platform itself."""
+        """The requester, as stated to other computers of this platform, or None for the platform itself."""
         platform = self._module.platform
         if sender is None or (sender.platform == platform and not sender.caller):
             return None

@@ -98,7 +98,7 @@ class ChangeLog:
 
 
 def _concerns(query: str, path: str) -> bool:
-    """Whether a change is one of a query: also that of a rule, whose path is a pattern."""
+    """Whether a query asks for a change, which may be the change of a rule, whose path is a pattern."""
     if query in {_ALL, path} or pattern(query).matches(path):
         return True
     try:

@@ -17,7 +17,7 @@ log = logging.getLogger("swarm.tree")
 
 
 class RateLog:
-    """Compares the streams that are limited with those of the last look."""
+    """Compares the limited streams with the limited streams of the last report."""
 
     def __init__(self) -> None:
         self._limited: frozenset[tuple[str, str]] = frozenset()

@@ -1,4 +1,4 @@
-"""Settings as resources: one board each, with the stored value, else that of its file, else the default."""
+"""Settings as resources: one board each, with the stored value, else the file's value, else the default."""
 
 import asyncio
 import logging
@@ -40,7 +40,7 @@ class Settings:
         self._writing = asyncio.Lock()
 
     def publish(self, resources: Iterable[Resource]) -> None:
-        """Open a board for each setting of the tree, and close those of removed settings."""
+        """Open a board for each setting of the tree, and close the boards of removed settings."""
         wanted = {resource.path: resource for resource in resources if resource.kind is Kind.SETTING}
         for path in [path for path, board in self._boards.items() if board.resource != wanted.get(path)]:
             self._boards.pop(path).close(unlink=path not in wanted)
@@ -90,7 +90,7 @@ class Settings:
         return self._own_value(resource)
 
     def _own_value(self, resource: Resource) -> msgspec.Struct:
-        """The value without an override: that of the owner's file, else the default."""
+        """The value without an override: the value of the owner's file, else the default."""
         if (value := self._files.get(resource.path)) is not None:
             # the owner has checked it by its own limits, and it is in force there
             free = msgspec.structs.replace(resource, range=None, choices=())
@@ -113,7 +113,7 @@ class Settings:
         return sorted(found, key=lambda item: item[1].utc_ns, reverse=True)
 
     def version(self, local: str) -> int | None:
-        """Number of changes of a setting; None for another resource."""
+        """Number of changes of a setting, or None for another resource."""
         if local not in self._boards:
             return None
         kept = self._store.get(local)
@@ -205,7 +205,7 @@ def _plain(value: msgspec.Struct) -> Plain:
 
 
 def _configured(config: dict[str, Any], key: str) -> Plain | None:
-    """The plain value of a dotted key; None: there is none."""
+    """The plain value of a dotted key, or None without one."""
     found: Any = config
     for part in key.split("."):
         found = found.get(part) if isinstance(found, dict) else None

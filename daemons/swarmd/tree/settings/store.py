@@ -40,7 +40,7 @@ class SettingsStore:
         return iter(sorted(self._kept.items()))
 
     def get(self, path: str) -> StoredSetting | None:
-        """The stored setting; None: it was never changed."""
+        """The stored setting, or None if it was never changed."""
         return self._kept.get(path)
 
     def put(self, path: str, change: SettingChange) -> StoredSetting:

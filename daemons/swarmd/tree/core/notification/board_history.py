@@ -16,8 +16,10 @@ NEVER_NS: Final = -(1 << 62)
 
 
 class BoardHistory:
-    """Keeps the values that an undisturbed link would have sent. None is sent before a newer one has arrived;
-    of those that may be sent, the newest goes first."""
+    """Keeps the values that an undisturbed link would have sent.
+
+    A value is sent only after a newer one has arrived; of the values that may be sent, the newest goes first.
+    """
 
     __slots__ = (
         "_arrived_ns", "_interval_ns", "_items", "_kept_data", "_kept_ns", "_sent_ns", "_size", "channel",
@@ -109,7 +111,7 @@ class BoardHistory:
         self.dropped += 1
 
     def due_ns(self) -> int | None:
-        """When the next values are due; None: none wait, or none may be sent."""
+        """When the next values are due, or None if none waits or may be sent."""
         pace_ns = self.channel.catch_up_ns
         if pace_ns is None or not self._items or self._items[0].stamp_ns > self._arrived_ns:
             return None

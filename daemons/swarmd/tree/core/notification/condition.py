@@ -39,7 +39,7 @@ def check_rule(rule: Rule) -> None:
 
 
 def first_rule(path: str, rules: tuple[Rule, ...]) -> Rule | None:
-    """The first rule whose pattern matches a path; None: none does."""
+    """The first rule whose pattern matches a path, or None if no pattern matches."""
     return next((rule for rule in rules if pattern(rule.pattern).matches(path)), None)
 
 

@@ -21,8 +21,10 @@ RECENT_NS: Final = 10_000_000_000
 
 
 class Feed:
-    """Of a board: the newest value if it differs enough; with a buffer, former values follow in `history`.
-    Of events and streams: each item, in order."""
+    """Sends of a board the newest value if it differs enough, of events and streams each item in order.
+
+    With a buffer, former values of a board follow in `history`.
+    """
 
     __slots__ = (
         "_admit_ns",
@@ -54,8 +56,8 @@ class Feed:
     def __init__(
         self, resource: Resource, rule: Rule, default_interval_ns: int, *, over_wire: bool = False
     ) -> None:
-        """`over_wire`: for another computer of this platform, each value, also one that equals the last, as
-        its readers judge by its age."""
+        """`over_wire`: the subscriber is another computer of this platform: it gets equal values, too, as its
+        readers judge a value by its age."""
         self.resource = resource
         self.rule = rule
         self.latest_only = resource.kind in LATEST_ONLY
@@ -70,9 +72,9 @@ class Feed:
         """Whether a value that equals the one sent last is sent, too."""
         self._may_keep = resource.kind is Kind.BOARD and not over_wire
         self.history: BoardHistory | None = None
-        """Of a board whose channel has a buffer: values that could not be sent."""
+        """Board with a buffered channel: values that could not be sent."""
         self._limit_ns: int | None = 0
-        """Minimum interval set by an operator; None: nothing is sent."""
+        """Minimum interval set by an operator, or None if nothing is sent."""
         self._newest: TreeItem | None = None
         self._pending: TreeItem | None = None
         self._queue: deque[TreeItem] = deque()
@@ -82,21 +84,21 @@ class Feed:
         self._size = 0
         """Bytes of values in the queue."""
         self._in_flight: TreeItem | None = None
-        """Of a board: the unacknowledged value; the next one waits for it."""
+        """Board: the unacknowledged value, for which the next one waits."""
         self.dropped = 0
         """Items that were dropped from the full queue, or became too old in it."""
         self.held_back = 0
         """Items of a stream that a limit of its rate left out; values of a board that a newer one replaced
         while the link had not acknowledged the one before."""
         self._outpaced_ns = -(1 << 62)
-        """Of a board: when such a value was replaced last."""
+        """Board: when a newer value last replaced a value that waited for the link."""
         self._spacing_ns = 0
-        """Of a board: mean time between two values that were sent."""
+        """Board: mean time between two values that were sent."""
         self._channel = FeedChannel()
         self._admit_ns: int | None = None
-        """Of a limited stream: stamp from which the next item is sent; None: that of the next one."""
+        """Limited stream: stamp from which the next item is sent, or None to begin with the next item."""
         self._link_rate: LinkRate | None = None
-        """Of a stream whose rate follows its link."""
+        """Stream with an adaptive channel: the rate that follows its link."""
 
     @property
     def channel(self) -> FeedChannel:
@@ -115,7 +117,7 @@ class Feed:
 
     @property
     def lost(self) -> int:
-        """Items that were dropped, with those of the history."""
+        """Number of dropped items, including former values of the history."""
         return self.dropped if self.history is None else self.dropped + self.history.dropped
 
     @property
@@ -128,7 +130,7 @@ class Feed:
         return 0 <= now_ns - self._outpaced_ns < RECENT_NS
 
     def pace(self, now_ns: int) -> tuple[float | None, str]:
-        """The limit of its rate in Hz and the reason; None: there is no limit."""
+        """The limit of its rate in Hz, or None if unlimited, and the reason."""
         if self._link_rate is not None:
             return self._link_rate.rate_hz, self._link_rate.reason
         if self.latest_only and self.is_outpaced(now_ns):
@@ -140,7 +142,7 @@ class Feed:
 
     @property
     def pending_ns(self) -> int | None:
-        """Of a board: stamp of the value that waits; None: none does."""
+        """Board: stamp of the value that waits, or None if no value waits."""
         return None if self._pending is None else self._pending.stamp_ns
 
     def set_channel(self, settings: ChannelSettings) -> None:
@@ -265,7 +267,7 @@ class Feed:
             self.history.on_failed()
 
     def due_ns(self) -> int | None:
-        """When the next item is due; None: none is."""
+        """When the next item is due, or None if no item waits."""
         if self._in_flight is not None or self._limit_ns is None:
             return None
         if self._pending is not None or self._queue:

@@ -8,7 +8,7 @@ from swarmware.model.compression import AUTO, Compression, Method
 from swarmware.types.channel import RATE_MAX_HZ, ChannelPriority, ChannelSettings
 
 QUEUE_LIMIT: Final = 4096
-"""Maximum number of waiting items: those of minutes without a link, not of hours."""
+"""Maximum number of waiting items: minutes without a link, not hours."""
 QUEUE_BYTES: Final = 1024 * 1024
 """Maximum bytes of values in them; one item is always kept."""
 ITEM_BYTES: Final = 64
@@ -24,14 +24,14 @@ class FeedChannel(msgspec.Struct, frozen=True):
     """Settings in force of one feed."""
 
     limit_ns: int | None = 0
-    """Minimum interval of its values; None: nothing is sent."""
+    """Minimum interval of its values, or None if nothing is sent."""
     buffer_bytes: int = QUEUE_BYTES
     buffer_items: int = QUEUE_LIMIT
     buffer_ns: int | None = None
-    """Maximum age of what waits; None: any."""
+    """Maximum age of waiting items, or None if unlimited."""
     compression: Compression = Compression()
     priority: int = 0
-    """Feeds of a higher one are served first."""
+    """Priority; feeds with a higher number are served first."""
     is_adaptive: bool = False
     """Whether the rate of a stream follows its link."""
     is_rate_set: bool = False
@@ -41,12 +41,12 @@ class FeedChannel(msgspec.Struct, frozen=True):
 
     @property
     def catch_up_ns(self) -> int | None:
-        """Minimum interval of what has waited: it is sent faster than new items come, else it never ends."""
+        """Minimum interval of items that waited; below the interval of new ones, else the queue never ends."""
         return self.limit_ns and self.limit_ns // CATCH_UP
 
     @classmethod
     def of(cls, settings: ChannelSettings, *, may_be_video: bool = False) -> Self:
-        """The settings with the defaults of those that are not set; what goes as video is not notified."""
+        """The settings with defaults where nothing is set; values that travel as video are not notified."""
         max_hz, size = settings.max_hz, settings.buffer_bytes
         is_rate_set = max_hz is not None
         if settings.is_video:

@@ -97,7 +97,7 @@ def _of_run(item: TreeItem) -> list[TreeItem]:
 
 
 def _records(items: Sequence[TreeItem], coding: Coding) -> Records:
-    """Records at the end of a run: those of its only item, or packets of equal length."""
+    """Records at the end of a run: the records of its only item, or packets of equal length."""
     first = items[0]
     if any(item.codec for item in items):
         return NO_RECORDS

@@ -14,15 +14,15 @@ STOP_NS: Final = 100_000_000
 """Delay of what is under way from which nothing more is sent: the control learns of a queue when something is
 acknowledged, and a link that falls to a tenth of its rate acknowledges little."""
 STOPPED_NS: Final = 1_000_000_000
-"""Even then an item of this distance is sent, if none waits: else nothing would measure the link."""
+"""A stopped stream still sends an item after this time if none waits, to measure the link."""
 BURST_NS: Final = 40_000_000
 """Items of this time may come together: many streams are written in groups."""
 FREE_NS: Final = 3_000_000_000
 """Time without a queue after which the limit ends; a link that is full shows one each second or two."""
 BASE_NS: Final = 10_000_000_000
-"""The minimum of the delay is that of the present and of the former interval of this length."""
+"""The minimum of the delay is taken over the present and the former interval of this length."""
 NEWEST: Final = 3
-"""Delays of which the least shows the queue: single ones are late on links that lose packets."""
+"""Number of newest delays whose minimum shows the queue; single ones are late on links that lose packets."""
 _NEVER_NS: Final = -(1 << 62)
 
 
@@ -54,7 +54,7 @@ class LinkRate:
 
     @property
     def rate_hz(self) -> float | None:
-        """Items per second of the present size; None: the link carries all."""
+        """Items per second of the present size, or None if the link carries all."""
         return self._control.bit_s / self._item_bits if self.is_limited and self._item_bits else None
 
     @property

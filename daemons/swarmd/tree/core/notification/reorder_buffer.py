@@ -1,4 +1,4 @@
-"""Order of the notifications of another tree: those of one start, each lane in order, each once."""
+"""Order of the notifications of another tree: of one start, each lane in order, each notification once."""
 
 from typing import Final
 

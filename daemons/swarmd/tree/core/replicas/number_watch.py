@@ -1,4 +1,4 @@
-"""Finds resources of this computer whose numbers in frames are those of other paths, here or elsewhere."""
+"""Finds resources of this computer whose number in frames another path has, here or elsewhere."""
 
 from collections.abc import Iterable
 

@@ -30,9 +30,9 @@ def ambiguous(index: Index, wanted: Iterable[Resource]) -> set[str]:
 
 
 class PlatformUnits:
-    """Merges the trees of the computers of a platform: a path belongs to the first one that provides it.
+    """Merges the trees of the computers of a platform: a path belongs to the first computer that provides it.
 
-    The first one is this computer, then those whose application runs, those that are reachable, and `main`.
+    Order: this computer, computers whose application runs, reachable computers, `main`.
     """
 
     def __init__(self, own: Address, tree: LocalTree) -> None:
@@ -40,7 +40,7 @@ class PlatformUnits:
         self._tree = tree
         self._by_platform: dict[str, list[Replica]] = {}
         self._sent: set[tuple[str, str]] = set()
-        """Computers and paths of which they have sent values: not only their template has them."""
+        """Pairs of computer and path with a received value: the path is not only in the computer's template."""
 
     # -- the computers
 
@@ -78,7 +78,7 @@ class PlatformUnits:
     # -- their resources
 
     def provider(self, platform: str, path: str) -> Replica | None:
-        """The computer that provides a path of a platform; None: this one, or none that is known."""
+        """The computer that provides a path of a platform, or None if this one or no known one does."""
         units = self.of(platform)
         if platform == self._own.platform:
             if self._tree.holds(path):
@@ -97,7 +97,7 @@ class PlatformUnits:
         return found
 
     def leaf(self, platform: str, path: str) -> tuple[Replica | None, Leaf] | None:
-        """A resource of a platform and the computer that provides it, None: this one; None: there is none."""
+        """A resource of a platform, and its computer or None for this one; None if the path is unknown."""
         unit = self.provider(platform, path)
         index = self._tree.index if unit is None and platform == self._own.platform else None
         if unit is not None:
@@ -155,7 +155,7 @@ class PlatformUnits:
             for item in (() if index is None else index.match(text))
             if item.resource.link == "tick" and subscribable(item, wanted.patterns)
         }
-        # a beacon names a board by its number alone: the values of one would count as those of the other
+        # a beacon names a board by its number alone, so values of one board would count as the other's
         for path in () if index is None else ambiguous(index, found.values()):
             log.error("%s of %s: not received: another path there has its number in frames", path, unit.name)
             del found[path]

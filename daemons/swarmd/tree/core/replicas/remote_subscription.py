@@ -15,11 +15,11 @@ class SubscriptionState(StrEnum):
     NONE = "none"
     """There is nothing to subscribe to, and nothing is subscribed."""
     MISSING = "missing"
-    """It has to be sent, changed or ended."""
+    """The subscription has to be sent, changed or ended."""
     ASKING = "asking"
     """A request has no reply yet."""
     UNVERIFIED = "unverified"
-    """It was held before the platform was lost: its lease may have ended."""
+    """The subscription was held before the platform was lost, and its lease may have ended."""
     HELD = "held"
     """The platform holds exactly this subscription."""
 
@@ -28,11 +28,11 @@ class SubscriptionEvent(StrEnum):
     """Events of a subscription at another platform."""
 
     DIFFERS = "differs"
-    """The platform holds another one than it should, or none."""
+    """The platform's copy of the subscription is missing or outdated."""
     MATCHES = "matches"
-    """It holds the one that it should, as far as it is known."""
+    """The platform's copy of the subscription is the wanted one, as far as is known."""
     EMPTY = "empty"
-    """It should hold none, and holds none."""
+    """The platform holds no subscription, and none is wanted."""
     ASKED = "asked"
     FAILED = "failed"
     """There was no reply, or the platform does not hold what was to be renewed."""
@@ -41,7 +41,7 @@ class SubscriptionEvent(StrEnum):
     UNSEEN = "unseen"
     """The platform was lost."""
     VERIFIED = "verified"
-    """It is back within the lease, and its tree is the same."""
+    """The platform is back within the lease, with the same tree."""
 
 
 TRANSITIONS: Final[dict[tuple[SubscriptionState, SubscriptionEvent], SubscriptionState]] = {
@@ -119,7 +119,7 @@ class RemoteSubscription:
         self._compare()
 
     def on_unknown(self) -> None:
-        """The platform replied that it holds none: a renewal was not enough, or it has no room."""
+        """The platform replied that it holds no subscription: it needs the whole one, or has no room."""
         self._held = None
         self.on_failed()
 
@@ -135,12 +135,12 @@ class RemoteSubscription:
         self._compare()
 
     def on_former(self, epoch: int) -> None:
-        """It sends values for a subscription of an earlier start of this tree."""
+        """The platform sends values for a subscription of an earlier start of this tree."""
         self._held = (epoch, UNKNOWN_BODY)
         self._compare()
 
     def on_epoch(self, epoch: int) -> None:
-        """The other tree has this epoch: one that has restarted holds nothing."""
+        """The other tree has this epoch; a restarted tree holds no subscription."""
         if self._held is not None and self._held[0] != epoch:
             self.on_ended()
 

@@ -21,9 +21,9 @@ class SyncState(msgspec.Struct, frozen=True):
 
     followed: int
     structures: int
-    """Those whose structure is current."""
+    """Followed platforms whose structure is current here."""
     subscriptions: int
-    """Those that hold the subscription of this platform."""
+    """Followed platforms that hold the subscription of this platform."""
 
 
 PATIENCE: Final = 4
@@ -40,9 +40,9 @@ class ReplicaTimeouts(msgspec.Struct, frozen=True, kw_only=True):
     forget_ns: int
     delay: LoopDelay
     broadcast_ns: int
-    """Time to wait for a structure in a beacon, before it is requested; 0: it is requested at once."""
+    """Time to wait for a structure in a beacon, before a request, or 0 to request it at once."""
     whole_swarm: bool = False
-    """Follow every platform; else neighbours, and those with a subscription."""
+    """Follow every platform; else only neighbours and platforms with a subscription."""
 
     def structure_due_ns(self, now_ns: int) -> int:
         """When a structure that no beacon has brought is requested; later where the own node is late."""
@@ -80,31 +80,31 @@ class Replica:
         self.computer_patterns = subscriptions.of_computer(address)
         """Patterns for exactly this computer."""
         self.up = False
-        """It is reachable."""
+        """Whether the node is reachable."""
         self.near = False
-        """It is a neighbour: reachable without a hop."""
+        """Whether the node is a neighbour, reachable without a hop."""
         self.gone_ns = 0
-        """When it was reachable last."""
+        """Instant at which the node was last reachable."""
         self.demanded = False
-        """A user has requested its structure, and did not get it yet."""
+        """Whether a user waits for the structure."""
         self.awaits_broadcast = False
-        """Its structure is expected in one of its beacons."""
+        """Whether the structure is expected in a beacon of the node."""
         self.broadcast_missed = False
-        """It did not come in time, or could not be decoded: the structure is requested, until one comes."""
+        """Whether no usable structure came in a beacon in time; then it is requested instead."""
         self.structure = StructureReplica()
         self.subscription = RemoteSubscription(subscriptions.of(address))
         self.notifications = NotificationReceiver()
         self.failures = 0
         """Requests in a row without a reply."""
         self.limits: tuple[BoardLimit, ...] = ()
-        """Limits of its rates that operators have set, for what is subscribed."""
+        """Rate limits that operators have set at the node, for subscribed boards."""
         self.wants: tuple[BoardSubscription, ...] = ()
-        """Its boards that are expected in beacons."""
+        """Boards of the node that are expected in beacons."""
         self.matched: tuple[int, ...] | None = None
         """Digests of the structures and the subscription from which `wants` was made."""
 
     def set_wanted(self, subscriptions: LocalSubscriptions) -> bool:
-        """Applications subscribe to something else; whether that concerns this node."""
+        """Takes the changed patterns of applications; returns whether the change concerns this node."""
         platform = subscriptions.of_platform(self.address)
         computer = subscriptions.of_computer(self.address)
         wanted = subscriptions.of(self.address)
@@ -118,17 +118,17 @@ class Replica:
 
     @property
     def index(self) -> Index | None:
-        """Its resources; None: unknown."""
+        """Resources of the node, or None if unknown."""
         return self.structure.index
 
     @property
     def digest(self) -> int:
-        """Digest of its known structure; 0: unknown."""
+        """Digest of the known structure, or 0 if unknown."""
         return self.structure.digest
 
     @property
     def epoch(self) -> int | None:
-        """Epoch of its tree; None: unknown."""
+        """Epoch of the node's tree, or None if unknown."""
         return self.structure.epoch
 
     def receives(self, item: Leaf) -> bool:

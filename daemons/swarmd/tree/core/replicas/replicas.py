@@ -81,7 +81,7 @@ class Replicas:
         return iter(self._replicas.values())
 
     def get(self, platform: str) -> Replica | None:
-        """The replica of a node; None: unknown."""
+        """The replica of a node, or None if unknown."""
         return self._replicas.get(platform)
 
     def platforms(self) -> list[str]:
@@ -118,7 +118,7 @@ class Replicas:
     # -- the network
 
     def on_up(self, platform: str, version: int | None, near: bool, now_ns: int) -> None:
-        """It is reachable (step 1 of S0.54), `near`: as a neighbour. `version` of its tree; None: unknown."""
+        """A node is reachable (step 1 of S0.54), `near` as a neighbour; `version` of its tree, or None."""
         replica = self._replicas.get(platform)
         if replica is None:
             if len(self._replicas) >= PLATFORMS_LIMIT and not self._make_room():
@@ -142,7 +142,7 @@ class Replicas:
         self._request_due(replica, now_ns)
 
     def on_gone(self, platform: str, now_ns: int) -> None:
-        """It is not reachable any more."""
+        """A node is not reachable any more."""
         replica = self._replicas.get(platform)
         if replica is not None and replica.up:
             replica.up = False
@@ -170,7 +170,7 @@ class Replicas:
         return bool(found)
 
     def on_former_mirrors(self, platform: str, now_ns: int) -> None:
-        """Mirrors of it exist from a former start: they expire like those of a lost platform."""
+        """Mirrors of a platform exist from a former start; they expire like mirrors of a lost platform."""
         if platform == self._own.platform:
             self._timers.set((platform, _Due.FORGET), now_ns + self._timeouts.forget_ns)
             return
@@ -181,7 +181,7 @@ class Replicas:
             self._forget_later(replica, now_ns)
 
     def on_peer_request(self, platform: str, epoch: int, digest: int | None, now_ns: int) -> None:
-        """It sent a request with its epoch, and perhaps its digest: compare the replica."""
+        """A node sent a request with its epoch, and perhaps its digest: compare the replica."""
         replica = self._replicas.get(platform)
         if replica is not None:
             replica.structure.on_announced(epoch, digest)
@@ -195,7 +195,7 @@ class Replicas:
             self._request_structure(replica, now_ns)
 
     def _take_broadcast(self, replica: Replica, now_ns: int) -> bool:
-        """Store the structure that came in a beacon, if it is the one that beacons advertise."""
+        """Store the structure that came in a beacon, if it has the advertised version."""
         structure, reply = replica.structure, self._broadcasts.take(replica)
         index = None if reply is None else self._decode(replica, reply)
         if reply is None or index is None:
@@ -208,7 +208,7 @@ class Replicas:
         return True
 
     def on_structure(self, platform: str, reply: StructureReply | None, now_ns: int) -> None:
-        """Reply to a structure request (step 4 of S0.57); None: there was none."""
+        """Reply to a structure request (step 4 of S0.57), or None without a reply."""
         replica = self._replicas.get(platform)
         if replica is None or not replica.structure.is_asking:
             return
@@ -237,7 +237,7 @@ class Replicas:
             return None
 
     def _on_stored(self, replica: Replica, known: Index | None, known_epoch: int | None, now_ns: int) -> None:
-        """Its structure came from itself: what follows for subscription and notifications."""
+        """The structure came from the node itself: subscription and notifications follow it."""
         structure = replica.structure
         replica.failures = 0
         replica.demanded = False
@@ -249,7 +249,7 @@ class Replicas:
         self._request_due(replica, now_ns)
 
     def on_subscribed(self, platform: str, reply: SubscribeReply | None, asked: int, now_ns: int) -> None:
-        """Reply to a subscription request; None: there was none. `asked`: digest of the subscription sent."""
+        """Reply to a subscription request, or None without one; `asked`: digest of the subscription sent."""
         replica = self._replicas.get(platform)
         if replica is None or not replica.subscription.is_asking:
             return
@@ -274,7 +274,7 @@ class Replicas:
         self._request_structure(replica, now_ns)
 
     def on_notify(self, notify: TreeNotify, now_ns: int) -> list[WriteMirror]:
-        """A notification; returns its values for mirrors. Raises: InvalidInput, WireError."""
+        """Takes a notification; returns its values for mirrors. Raises: InvalidInput, WireError."""
         replica = self._replicas.get(notify.platform)
         if replica is None:
             if len(self._replicas) >= PLATFORMS_LIMIT:
@@ -329,7 +329,7 @@ class Replicas:
     # -- this platform
 
     def on_demand(self, platform: str, now_ns: int) -> None:
-        """A user requests its structure."""
+        """A user requests the structure of a node."""
         replica = self._replicas.get(platform)
         if replica is not None and replica.up and (replica.index is None or not self._is_followed(replica)):
             replica.demanded = True
@@ -489,7 +489,7 @@ class Replicas:
             self._timers.set((replica.name, due), now_ns + pause_after(replica.failures, pauses_ns))
 
     def _on_index(self, replica: Replica, former: Index | None) -> None:
-        """Its structure was replaced."""
+        """The structure of a node was replaced."""
         index = replica.index or ()
         if former is None or any(item.resource.path not in index for item in former):
             for action in self.units.prune(replica):

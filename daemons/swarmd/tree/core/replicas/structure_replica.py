@@ -11,7 +11,7 @@ class StructureState(StrEnum):
     """Whether a structure has to be requested."""
 
     STALE = "stale"
-    """It is unknown, or a report disagrees with it: changes to what is known are due."""
+    """The structure is unknown, or a report disagrees with it: changes have to be requested."""
     ASKING = "asking"
     """Changes are requested."""
     MISMATCHED = "mismatched"
@@ -19,9 +19,9 @@ class StructureState(StrEnum):
     ASKING_FULL = "asking_full"
     """The full structure is requested."""
     UNVERIFIED = "unverified"
-    """It may have changed while the platform was lost, or not followed."""
+    """The structure may have changed while the platform was lost, or not followed."""
     CURRENT = "current"
-    """It agrees with every report."""
+    """The structure agrees with every report."""
 
 
 class StructureEvent(StrEnum):
@@ -62,11 +62,11 @@ TRANSITIONS: Final[dict[tuple[StructureState, StructureEvent], StructureState]] 
 }
 """All transitions; any other event leaves the state unchanged.
 
-A report that agrees does not undo one that disagreed: the beacon repeats old versions for a while. What is
-reported during a request is compared with its reply.
+A report that agrees does not undo a report that disagreed, because beacons repeat old versions for a while.
+Reports that arrive during a request are compared with its reply.
 """
 OUTDATED_MAX: Final = 16
-"""Versions before the known one that are remembered: those of changes within the delay of beacons."""
+"""Remembered versions before the known one: as many changes as fit into the delay of beacons."""
 ASKING: Final = frozenset({StructureState.ASKING, StructureState.ASKING_FULL})
 DUE: Final = frozenset({StructureState.STALE, StructureState.MISMATCHED})
 
@@ -80,19 +80,19 @@ class StructureReplica:
         self.state = StructureState.STALE
         self.epoch: int | None = None
         self.index: Index | None = None
-        """Its resources; None: unknown."""
+        """Resources of the platform, or None if unknown."""
         self._advertised: int | None = None
-        """Version of the tree in the newest beacon or route; None: unknown."""
+        """Version of the tree in the newest beacon or route, or None if unknown."""
         self._before_request: int | None = None
         """Version that was advertised when the request was sent."""
         self._outdated: list[int | None] = []
-        """Advertised versions that are older than what is known, in their order: they say nothing."""
+        """Advertised versions that are older than the known structure, in their order; they are ignored."""
         self._announced: tuple[int, int | None] | None = None
         """Epoch and digest from the platform itself, not yet compared; no digest: of its epoch only."""
 
     @property
     def digest(self) -> int:
-        """Digest of the known structure; 0: unknown."""
+        """Digest of the known structure, or 0 if unknown."""
         return 0 if self.index is None else self.index.digest
 
     @property
@@ -112,7 +112,7 @@ class StructureReplica:
 
     @property
     def is_advertised(self) -> bool:
-        """Whether beacons show another version than that of the known structure, or nothing is known."""
+        """Whether beacons show another version than the known structure has, or nothing is known."""
         return self.index is None or not self._is_past_or_known(self._advertised)
 
     @property
@@ -152,13 +152,13 @@ class StructureReplica:
         self._on(StructureEvent.STORED)
 
     def is_of_advertised(self, epoch: int, digest: int) -> bool:
-        """Whether a structure is that of the newest version that beacons show."""
+        """Whether a structure has the newest version that beacons show."""
         return self._advertised == tree_version(epoch, digest)
 
     # -- reports
 
     def on_advertised(self, version: int | None) -> None:
-        """A beacon or route has this version of the tree; None: it has none."""
+        """A beacon or route has this version of the tree, or None if it names no version."""
         if version != self._advertised:  # a structure may return to a version before this one
             past = self._outdated
             self._outdated = past[past.index(version) :] if version in past else []

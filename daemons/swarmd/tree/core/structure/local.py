@@ -53,10 +53,10 @@ def _own_link(resource: Resource) -> Link:
 
 
 class LocalTree:
-    """The template's resources, merged with those of running applications.
+    """The template's resources, merged with the resources of running applications.
 
     A resource of an ended application is `lost` after a time, and later in its state before the start. The
-    unit `main` has the template's resources without an application, except those that another unit provides.
+    unit `main` also has the template's resources without an application, unless another unit provides them.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class LocalTree:
         return self._change(map(self._leaf, changed), ended & self._elsewhere)
 
     def _refuse_clashes(self, live: dict[str, Resource]) -> None:
-        """Removes resources whose number a path of the template has, or one that was given earlier."""
+        """Removes resources whose number a path of the template, or an earlier resource, has."""
         found = clashes([*self._base.values(), *live.values()])
         refused = {path: clash_text(path, other) for path, other in found.items() if live.pop(path, None)}
         for path in refused.keys() - self.refused.keys():
@@ -159,7 +159,7 @@ class LocalTree:
         return item is not None and item.resource.kind is Kind.SETTING
 
     def setting(self, path: str, owner: str) -> Resource | None:
-        """A setting of the template with this owner; None: there is none."""
+        """A setting of the template with this owner, or None if the template has none."""
         base = self._base.get(path)
         if base is None or base.kind is not Kind.SETTING:
             return None
@@ -215,7 +215,7 @@ class LocalTree:
         return _encode(found)
 
     def changes_to_template(self) -> StructureReply | None:
-        """The structure for nodes that have the template; None: it is empty."""
+        """The structure for nodes that have the template, or None if it is empty."""
         if not self.index.digest:
             return None
         return self.answer(StructureRequest("", self.epoch, 0))

@@ -146,7 +146,7 @@ class _Step:
         """None: all branches are checked."""
         self.state = state
         self.branches: dict[str, _Step | None] = {}
-        """Step after a segment, as far as it was seen; None: nothing below it matches."""
+        """Step after a segment, as far as it was seen, or None if nothing below it matches."""
         self.names: dict[str, bool] = {}
         """Whether a path may end with a segment, as far as it was seen."""
 
@@ -228,7 +228,7 @@ class _Search:
         return known
 
     def _after(self, step: _Step, name: str) -> _Step | None:
-        """The step below a segment; None: nothing below it matches."""
+        """The step below a segment, or None if nothing below it matches."""
         if len(step.branches) >= _MEMO_LIMIT:
             step.branches.clear()
         segments = self._segments

@@ -51,9 +51,9 @@ class Subscriber:
         self.over_wire = over_wire
         self.epoch = epoch
         self.sender: Sender | None = None
-        """As authenticated; None: without keys."""
+        """Authenticated sender of the subscription, or None without keys."""
         self.reads: frozenset[str] = frozenset()
-        """Compressions that it reads."""
+        """Compressions that the subscriber reads."""
         self.up = True
         self.lease_span_ns = 0
         self.lease_ns = 0
@@ -64,13 +64,13 @@ class Subscriber:
         self.structure = 0
         """Digest of the structure that the subscriber has."""
         self.structure_ns: int | None = None
-        """When a change of the structure is due to be sent; None: it has the present one."""
+        """When a change of the structure is due to be sent, or None if the subscriber has the present one."""
         self.limits: tuple[BoardLimit, ...] = ()
         """Limits in force of the boards that it subscribes to."""
         self.limits_sent: tuple[BoardLimit, ...] = ()
         """Those that it was sent last."""
         self.limits_ns: int | None = None
-        """When they are due to be sent; None: they have not changed."""
+        """When changed limits are due to be sent, or None if they have not changed."""
         self._behind: set[str] = set()
         """Boards of which nothing was sent since it is reachable again: the newest value goes first."""
         self._histories: list[BoardHistory] = []

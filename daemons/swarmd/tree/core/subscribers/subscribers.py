@@ -169,7 +169,7 @@ class Subscribers:
     # -- from subscribers
 
     def on_subscribe(self, request: SubscribeRequest, sender: Sender | None, now_ns: int) -> SubscribeReply:
-        """A subscription or its renewal; one that is refused changes nothing. `sender`: as authenticated.
+        """Takes a subscription or its renewal; a refusal changes nothing. `sender`: as authenticated.
 
         Raises: InvalidInput for an invalid platform, pattern, interval or lease.
         """
@@ -233,7 +233,7 @@ class Subscribers:
             self._flush(one, now_ns)
 
     def on_gone(self, platform: str, now_ns: int) -> None:
-        """It is not reachable: its subscription is kept until the lease ends."""
+        """A subscriber is not reachable; its subscription is kept until the lease ends."""
         one = self._subscribers.get(platform)
         if one is not None and one.up:
             one.up = False
@@ -295,7 +295,7 @@ class Subscribers:
             self._flush(one, now_ns)
 
     def rule_of(self, path: str) -> Rule | None:
-        """The operators' rule for a resource; None: those of its subscribers apply."""
+        """The operators' rule for a resource, or None if the rules of its subscribers apply."""
         return self._planner.own_rule(path)
 
     def on_rules(self, rules: tuple[Rule, ...], now_ns: int) -> None:

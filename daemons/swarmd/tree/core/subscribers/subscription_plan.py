@@ -68,7 +68,7 @@ class SubscriptionPlanner:
         self._rules = rules
 
     def own_rule(self, path: str) -> Rule | None:
-        """The operators' rule for a path; None: there is none."""
+        """The operators' rule for a path, or None without one."""
         return first_rule(path, self._rules)
 
     def rule(self, path: str, subscription: Subscription) -> Rule:

@@ -26,11 +26,11 @@ class InputCount:
 
     @property
     def mean_ms(self) -> float | None:
-        """Mean delay; None: none is known."""
+        """Mean delay, or None if no delay is known."""
         return sum(self.delays_ns) / len(self.delays_ns) / 1e6 if self.delays_ns else None
 
     def quantile_ms(self, ratio: float) -> float | None:
-        """Delay that this share of the values did not exceed; None: none is known."""
+        """Delay that this share of the values did not exceed, or None if no delay is known."""
         ordered = sorted(self.delays_ns)
         return ordered[int(ratio * (len(ordered) - 1))] / 1e6 if ordered else None
 
@@ -46,7 +46,7 @@ class InputMeter:
         """By unit and local path."""
 
     def on_items(self, sender: str, hardware: int, items: Iterable[TreeItem], now_ns: int) -> None:
-        """Values of a node have arrived; those of other platforms are not counted."""
+        """Values of a node have arrived; values of other platforms are not counted."""
         address = Address.parse(sender)
         if address.platform != self._own.platform:
             return
