@@ -67,6 +67,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Rules; the first that matches a path applies."""
 
     def __post_init__(self) -> None:
+        # the last pause applies to all later failures, so there must be one
         if not self.retry_s:
             raise InvalidInput("retry_s: empty; expected at least one pause")
         for path in self.keep or ():
@@ -76,4 +77,5 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         """Paths that are kept at a node of this kind."""
         if self.keep is not None:
             return self.keep
+        # a vehicle has no operator to show last values to, and each subscription costs airtime
         return KEPT if kind == PlatformKind.GCS else ()

@@ -80,6 +80,7 @@ class Tree(Service):
             str(node.address),
             template.load(node.config.template, folder, files).resources,
             config,
+            # never 0, which stands for an unknown epoch
             epoch=int.from_bytes(os.urandom(4)) // 2 + 1,
             templates=_templates(folder, files),
             keep=config.kept(node.config.kind),
@@ -125,9 +126,10 @@ class Tree(Service):
         self._plan: BoardWriter[TreePlan] = module.writer("tree/plan", TreePlan, link="request")
         self._mission: BoardReader[MissionState] = module.reader("mission/state", MissionState)
         self._mission_digest = 0
+        """Digest of the mission that the beacon has."""
         self._numbers = NumberWatch(self._tree.local, self._tree.replicas)
         self._clashes: list[str] = []
-        """Digest of the mission that the beacon has."""
+        """Clashes of numbers that the health check has reported."""
         self._limits: BoardReader[ChannelLimits] = module.reader("net/limits", ChannelLimits)
         self._neighbours: BoardReader[Neighbours] = module.reader("net/neighbours", Neighbours)
         self._routes: BoardReader[Routes] = module.reader("net/routes", Routes)
@@ -140,6 +142,7 @@ class Tree(Service):
         changed = asyncio.Event()
         subscription = self.module.node.applications.subscribe(lambda _: changed.set())
         try:
+            # mirrors of platforms that never return must expire as well
             for platform in self._mirrors.platforms():
                 self._driver.feed(self._tree.on_former_mirrors(platform, self.module.now_ns()))
             # before the first reply: others must not receive a tree without its applications
@@ -186,6 +189,7 @@ class Tree(Service):
 
     def _take_applications(self) -> None:
         table = self.module.node.applications.table
+        # settings first: the step of the core publishes them, with the values of the applications' files
         with self._boundary("settings of the applications"):
             self._settings.on_applications(table)
         with self._boundary("applications of the node"):
@@ -211,12 +215,14 @@ class Tree(Service):
 
     async def _report_regularly(self) -> None:
         async for _ in self.module.every(PROBE_S):
+            # an application that was killed has removed no file, so only its lock shows the end
             self.module.node.applications.refresh(probe=True)
             self._take_access_rules()
             with self._boundary("mirrors that the broker has left"):
                 self._mirrors.retry()
             state = self._mission.value
             digest = _digest(state.hash) if state is not None else 0
+            # the core does not know the mission, so `plan_changed` does not report its change
             if digest != self._mission_digest:
                 self._mission_digest = digest
                 self._plan.write(self._tree_plan())
@@ -253,6 +259,7 @@ class Tree(Service):
         now_ns = self.module.now_ns()
         before, self._reached = self._reached, found
         by_multicast = frozenset(platform for platform, reach in found.items() if reach.multicast)
+        # before the platforms: `on_up` decides by it whether to wait for a beacon or to request
         self._driver.feed(self._tree.on_multicast(by_multicast, now_ns))
         for platform in before:
             if platform not in found:
@@ -295,6 +302,7 @@ class Tree(Service):
         if self._tree.plan_changed():
             with self._boundary("plan of the beacon"):
                 plan = self._tree_plan()
+                # before the broker reads the plan: two writers of one ring exclude each other
                 self._mirrors.leave(plan.wants)
                 self._plan.write(plan)
 
@@ -332,6 +340,7 @@ class Tree(Service):
 
     def _watch(self, resource: Resource) -> None:
         old = self._taps.get(resource.path)
+        # a new tap starts with events from now on, so an unchanged resource keeps its tap
         if old is None or old.resource != resource:
             if old is not None:
                 old.close()
@@ -356,6 +365,7 @@ def _templates(folder: Path, files: dict[Path, template.TemplateFile]) -> list[t
     found = []
     for name in template.names_in(folder):
         try:
+            # a template with an error is left out: the own one was loaded before, with its error raised
             found.append(template.load(name, folder, files).resources)
         except ConfigError as error:
             log.warning("invalid template: %s", error)

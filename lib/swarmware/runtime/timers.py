@@ -31,6 +31,7 @@ class Timers(Generic[Key]):
         heap = self._heap
         while heap:
             when_ns, _, key = heap[0]
+            # replaced deadlines stay in the heap until they are the first: removal would search the heap
             if self._due.get(key) == when_ns:
                 return when_ns
             heapq.heappop(heap)

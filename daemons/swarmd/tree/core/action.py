@@ -51,6 +51,7 @@ class SendNotify(msgspec.Struct, frozen=True, gc=False):
     @property
     def kind(self) -> FrameKind:
         """Kind of frame of the lane, which sets the priority on a link."""
+        # a notification is acknowledged in every lane; only its priority differs
         return _KINDS[self.notify.lane]
 
 

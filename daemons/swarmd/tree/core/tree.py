@@ -125,8 +125,10 @@ class SwarmTree:
     ) -> list[Action]:
         """Resources and read patterns of the running applications."""
         held = self.local.held_version
+        # the own structure first: patterns may match what has just appeared
         if self.local.set_live(provided, now_ns):
             self.subscribers.on_structure(now_ns)
+        # what runs here now is no longer expected from another computer
         changes_units = held != self.local.held_version and bool(self.replicas.units.of(self.platform))
         if changes_units:
             self._actions += self.replicas.units.prune_own()
@@ -139,6 +141,7 @@ class SwarmTree:
         if self._unit_version == self.replicas.unit_version:
             return
         self._unit_version = self.replicas.unit_version
+        # the index first: the subscriptions leave out what it says is here
         if self.local.set_elsewhere(self.replicas.units.provided()):
             self.subscribers.on_structure(now_ns)
         self.replicas.on_subscriptions(now_ns)
@@ -209,6 +212,7 @@ class SwarmTree:
         self, request: StructureRequest, now_ns: int
     ) -> tuple[StructureReply, list[Action]]:
         """Another tree requests the structure of this one."""
+        # a request names the requester's structure: its change is noticed without a beacon
         self.replicas.on_peer_request(request.platform, request.epoch, request.digest, now_ns)
         self.subscribers.on_structure_sent(request.platform)
         return self.local.answer(request), self._take_actions()
@@ -248,6 +252,7 @@ class SwarmTree:
 
     def on_timer(self, now_ns: int) -> list[Action]:
         """Handles what is due: leases, retries, ended owners."""
+        # before anything is done, while the deadline is still the one of this call
         self._delay.on_turn(self.deadline_ns(), now_ns)
         if self.local.advance(now_ns):
             self.subscribers.on_structure(now_ns)
@@ -273,6 +278,7 @@ class SwarmTree:
     def broadcast(self) -> StructureBroadcast | None:
         """The own structure for the beacons, or None if it is empty or too large for them."""
         found = self.local.changes_to_template()
+        # a larger structure would leave no room for values; neighbours request it instead
         if found is None or len(found.data) > BROADCAST_LIMIT:
             return None
         return StructureBroadcast(str(self.address), found.epoch, found.digest, found.base, found.data)

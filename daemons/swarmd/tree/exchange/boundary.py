@@ -33,6 +33,7 @@ class Boundary:
 
     def _count(self, what: str, text: str, error: Exception, *, trace: bool = False) -> None:
         self.counts[what] += 1
+        # the same fault may come with every value, at hundreds a second
         first = self.counts[what] == 1  # later ones are only counted
         level = (logging.ERROR if trace else logging.WARNING) if first else logging.DEBUG
         log.log(level, text, what, error, exc_info=error if trace and first else None)

@@ -69,17 +69,20 @@ class ItemCoder:
     async def _coded_run(self, path: str, run: list[TreeItem], coding: Coding) -> list[TreeItem]:
         if not is_worth(run, coding):
             return run
+        # subscribers of one channel get the same runs, and coding costs far more than the look-up
         key = (path, run[0].sequence, run[0].stamp_ns, len(run), coding)
         found = self._shared.get(key)
         if found is not None:
             return found
         size = sum(len(item.data) for item in run)
         try:
+            # a small run is coded at once, without another turn of the event loop
             if size > BESIDE_BYTES:
                 coded, spent_ns = await asyncio.to_thread(_measured, run, coding)
             else:
                 coded, spent_ns = _measured(run, coding)
         except SwarmError as error:
+            # once for each resource: the same values come at its rate
             if path not in self._refused:
                 log.warning("%s is sent without its compression: %s", path, error)
             self._refused[path] = str(error)
@@ -88,6 +91,7 @@ class ItemCoder:
         self._plain_bytes[path] += size
         self._coded_bytes[path] += coded_size
         self._spent_ns[path] += spent_ns
+        # the oldest goes first: all subscribers of a value are served soon after each other
         while len(self._shared) >= SHARED:
             del self._shared[next(iter(self._shared))]
         self._shared[key] = coded
@@ -109,6 +113,7 @@ class ItemCoder:
 
 def _measured(run: Sequence[TreeItem], coding: Coding) -> tuple[list[TreeItem], int]:
     """Codes a run; with the processor time of the thread."""
+    # processor time, not elapsed time: other threads share the processor meanwhile
     began_ns = thread_time_ns()
     if coding.compression.method is Method.JPEG:
         coded = [_as_jpeg(item, coding.compression.level) for item in run]

@@ -37,6 +37,7 @@ class Mirrors:
         try:
             self._writer.write(*key, action.frame, epoch=action.epoch)
         except RingBusy:
+            # each item of an event or stream counts; of a board a newer value replaces this one
             if action.item.kind != FrameKind.BOARD:
                 raise
             self._waiting[key] = action

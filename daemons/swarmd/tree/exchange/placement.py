@@ -41,6 +41,7 @@ class PlacementMeasurement:
         processor, start_ns = ProcessorUse(), module.now_ns()
         with self._exchange.metered(meter):
             await asyncio.sleep(request.window_s)
+        # the measured time, as the sleep ends later on a busy computer
         span_s = max((module.now_ns() - start_ns) / 1e9, 1e-3)
         return UnitPlacement(
             own.platform,
@@ -79,11 +80,13 @@ class PlacementMeasurement:
     def _newest(self, path: str, cls: type[T]) -> T | None:
         board = self._module.reader(path, cls)
         value = board.value
-        board.close()
+        # through the module, which else would keep the closed reader until its end
+        self._module.close_reader(board)
         return value
 
     def _applications(self) -> tuple[PlacedApplication, ...]:
         table = self._module.node.applications.table
+        # the processor time is known of a process only, which several applications may share
         in_process = Counter(entry.pid for entry in table)
         found = []
         for entry in sorted(table, key=lambda entry: entry.id):
@@ -107,6 +110,7 @@ class PlacementMeasurement:
         for entry in self._module.node.applications.table:
             for text in entry.reads:
                 platform, local = names.split(text)
+                # a pattern does not name a single input, whose provider could be found
                 if platform in {None, own.platform} and "*" not in text:
                     readers.setdefault(local, set()).add(entry.name)
                     if text in entry.needs:

@@ -28,6 +28,7 @@ class Peek:
         if follower is None:
             follower = RingFollower(ring_file(self._shm_dir, path, platform), name=path)
         frame = follower.peek()
+        # without a ring there is nothing to keep open; the next question searches again
         if follower.present:
             self._followers[key] = follower
         else:
@@ -64,11 +65,13 @@ class Tap:
             ring_file(node.shm_dir, resource.path), name=resource.path, data_id=resource.data_id
         )
         self._read = self._follower.next if resource.kind in _ORDERED else self._follower.newest
+        # listening begins before the first reading, so that no value falls between the two
         self._follower.listen(node, self._take)
         self._take()
 
     def _take(self) -> None:
         while (frame := self._read()) is not None:
+            # the loss before the value that follows it, as in the order of the ring
             if lost := self._follower.take_lost():
                 self._on_overrun(self.resource.path, lost)
             self._on_value(

@@ -115,6 +115,7 @@ class TreeExchange:
 
     async def ask_structure(self, action: RequestStructure) -> None:
         """Requests a structure and feeds the core the reply."""
+        # no reply is an event as well: the core then waits and repeats the request
         path, reply = _at(action.platform, "structure"), None
         async with self._at_once:
             self.asked += 1
@@ -135,6 +136,7 @@ class TreeExchange:
             try:
                 reply = await self._module.request(
                     path,
+                    # the installed methods, which the core need not know
                     msgspec.structs.replace(action.request, reads=READABLE),
                     SubscribeReply,
                     timeout_s=self._answer_by_s(),
@@ -149,6 +151,7 @@ class TreeExchange:
         """Sends a notification and feeds the core its result."""
         path = _at(action.platform, "notify")
         notify = await self.coder.coded(action)
+        # a message, not a request: the acknowledgement needs no payload
         outcome = await self._module.send(path, notify, timeout_s=self._answer_by_s(), kind=action.kind)
         now_ns = self._module.now_ns()
         self._driver.feed(self._tree.on_notified(action.platform, action.notify, bool(outcome), now_ns))

@@ -46,6 +46,7 @@ class ConfigApi:
             )
 
     def _history(self, query: HistoryQuery, _: Meta) -> ConfigHistory:
+        # only a question needs it
         from swarmware.service.effective import key_pattern
 
         wanted = key_pattern(query.pattern)

@@ -99,6 +99,7 @@ class OperatorApi:
         if self._units.is_own(platform):
             return view.own_value(view.own_leaf(local), self._settings.version(local))
         if request.fresh or meta.sender_hw != self._module.node.hardware:
+            # other nodes ask the owner itself, which alone knows their rights
             raise self._not_its_owner(platform, request.path, "get")
         view.check_platform(platform)
         mirrored = view.mirrored_value(platform, local)
@@ -118,6 +119,7 @@ class OperatorApi:
             found = await self._units.forward(unit, "get", request, TreeValue, meta, path)
         except NoAnswer:
             mirrored = self._view.mirrored_value(*self._units.split(path))
+            # an old value is better than none, unless the operator asks for the present one
             if mirrored is None or request.fresh:
                 raise
             return mirrored
@@ -199,6 +201,7 @@ class OperatorApi:
     ) -> TreeSetDone:
         """Make a change and record it, or its refusal. Raises: Denied, as `change`."""
         shown = names.join(self._module.platform, resource.path)
+        # read before the change, which replaces it
         before, by = self._view.own_text(resource), self._module.requester(meta)
         via = () if meta.sender is None else meta.sender.via
         try:
@@ -225,6 +228,7 @@ class OperatorApi:
         if resource.kind is Kind.SETTING:
             version = await self._settings.set(resource, value, shown, by, request.version)
             return await self._done(resource, shown, value, version)
+        # only a setting has a stored version; of others the sequence of the value takes its place
         if request.version is not None and (frame is None or frame.sequence != request.version):
             have = "no value"
             if frame is not None:
@@ -235,6 +239,7 @@ class OperatorApi:
     async def _forward_to_owner(self, resource: Resource, shown: str, value: msgspec.Struct) -> TreeSetDone:
         """Forward a value to the application that receives it, as a message or a request."""
         taker = self._module.node.applications.table.serving_path(resource.path)
+        # the template may name a resource whose application does not run, or runs in another version
         if taker is None or taker[1].type != resource.type:
             owner = resource.owner or "no application"
             raise Denied(f"{shown}: {owner} does not accept values for it now")
@@ -279,6 +284,7 @@ class OperatorApi:
         Pattern(rest)
         wanted = Pattern("*" if first == "**" else first, of_computers=True)
         await self._request_structures(wanted)
+        # at least one entry, because a page without entries would look like the end of the list
         limit = max(1, min(request.limit, LIMIT))
         entries: list[TreeEntry] = []
         more = 0
@@ -301,6 +307,7 @@ class OperatorApi:
             self._driver.feed(self._tree.on_demand(platform, self._module.now_ns()))
         try:
             async with asyncio.timeout(DEMAND_S):
+                # cleared before each wait, because earlier steps have set it
                 while any(replicas.asks(platform) for platform in asked):
                     self._stepped.clear()
                     await self._stepped.wait()

@@ -49,9 +49,11 @@ class RuleApi:
             via = () if meta.sender is None else meta.sender.via
             try:
                 self._denials.check(meta, Verb.SET, request.pattern)
+                # one change at a time: each begins with the rules that the former one has stored
                 async with self._setting_rule:
                     await self._set_rule(request, shown)
             except SwarmError as error:
+                # refusals as well: who tried what is the purpose of the record
                 await self._changes.record(TreeChange(shown, by, before, "", str(error), via))
                 raise
             after = _rule_text(self._rules.rules, request.pattern)
@@ -64,6 +66,7 @@ class RuleApi:
             await asyncio.to_thread(self._rules.put, rules)
         except OSError as error:
             raise SwarmError(f"rule {shown}: cannot be stored: {error}; the old rules stay") from error
+        # after the disk: a rule in force that a restart forgets would surprise the operator
         self._driver.feed(self._tree.on_rules(rules, self._module.now_ns()))
 
 

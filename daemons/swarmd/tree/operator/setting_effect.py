@@ -27,6 +27,7 @@ class SettingEffect:
         """The answer, with the applications that have taken the value, and those that have not in time."""
         plain: Plain = msgspec.msgpack.decode(registry.encode(value))[0]
         changed = asyncio.Event()
+        # before the first look: a change between look and subscription would be missed
         subscription = self._module.node.applications.subscribe(lambda _: changed.set())
         try:
             with contextlib.suppress(TimeoutError):

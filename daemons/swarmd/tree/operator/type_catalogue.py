@@ -42,10 +42,12 @@ class TypeCatalogue:
         try:
             return self.kept(self._platform, name)
         except NotFound:
+            # last: an application may define a type of the same name as an installed one
             return describe(registry.find(name))
 
     def keep(self, platform: str, name: str, found: TypeDescription) -> None:
         """Keep a description for when its owner is gone."""
+        # removed first: insertion moves it to the end, so that the oldest goes first
         self._kept.pop((platform, name), None)
         self._kept[platform, name] = found
         while len(self._kept) > KEPT:

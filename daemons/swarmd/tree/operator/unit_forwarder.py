@@ -40,6 +40,7 @@ class UnitForwarder:
     def provider(self, path: str) -> Address | None:
         """Another computer of this platform that provides a path, or None if no other one does."""
         name, local = self.split(path)
+        # a path with the name of a computer is meant for exactly this computer
         if name != self._module.platform:
             return None
         unit, _ = self.view.find(name, local) or (None, None)
@@ -59,6 +60,7 @@ class UnitForwarder:
             request,
             reply,
             timeout_s=self.answer_s,
+            # the other tree decides by the rights of the requester, not of this service
             on_behalf_of=self._requester(meta.sender),
         )
 
@@ -68,4 +70,5 @@ class UnitForwarder:
         if sender is None or (sender.platform == platform and not sender.caller):
             return None
         name = sender.caller if sender.platform == platform else str(sender)
+        # the role stays: forwarding must not raise the rights of the requester
         return Sender(platform, sender.role, name[:_NAME_LIMIT])

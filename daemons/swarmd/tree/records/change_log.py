@@ -62,10 +62,12 @@ class ChangeLog:
 
     async def record(self, change: TreeChange) -> None:
         """Record a change or its refusal."""
+        # the event first: it must not wait for the disk
         self._changes.write(change)
         short = msgspec.structs.replace(change, before=_cut(change.before), after=_cut(change.after))
         logged = LoggedChange(utc_ns(), short)
         self._kept.append(logged)
+        # one line at a time: two threads would mix the bytes of their lines
         async with self._writing:
             try:
                 await asyncio.to_thread(self._append, msgspec.json.encode(logged) + b"\n")
@@ -87,6 +89,7 @@ class ChangeLog:
         pattern(query.pattern)
         found = [
             one
+            # the newest first: the reply has room for a part only
             for one in reversed(self._kept)
             if one.utc_ns >= query.since_utc_ns
             and query.by in one.change.by

@@ -45,6 +45,7 @@ class DenialLog:
 
     def record(self, sender: Sender, verb: Verb, path: str, reason: str) -> None:
         """Report a denial of this tree; the record of changes has it already."""
+        # counted before the report, which is limited in its rate
         self.count += 1
         denial = Denial(
             sender.platform, sender.role.name.lower(), str(verb), path, 1, reason, sender.caller, sender.via
@@ -61,6 +62,7 @@ class DenialLog:
 
     async def follow_broker(self) -> None:
         """Record the requests that the broker denied, until cancelled."""
+        # the broker has written its event already, so only the record is missing
         async for denial in self._of_broker:
             if denial.verb in RECORDED and denial.path:
                 await self._changes.record(recorded(self._module.platform, denial))

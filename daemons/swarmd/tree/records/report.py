@@ -27,6 +27,7 @@ class RateLog:
         """The streams that are limited now, by path and subscriber: the rate in Hz and the reason."""
         for path, platform in sorted(self._limited.difference(limited)):
             log.info("%s to %s: the link carries all of it again, or its rate is set", path, platform)
+        # only transitions: the rate itself changes several times a second
         for (path, platform), (rate_hz, reason) in limited.items():
             if (path, platform) not in self._limited:
                 log.info("%s to %s: the link carries %.1f/s (%s)", path, platform, rate_hz, reason)
@@ -56,6 +57,7 @@ class TreeReport:
         )
         self._losses: BoardWriter[StreamLosses] = module.writer("tree/losses", StreamLosses, link="request")
         self._written = StreamLosses()
+        # once at the start: an empty list is readable, a board without a value is not
         self._losses.write(self._written)
         self._rates = RateLog()
 
@@ -72,6 +74,7 @@ class TreeReport:
         self._stats.write(self._counters())
         losses = sorted(self._tree.subscribers.losses().items())
         found = StreamLosses(tuple(StreamLoss(path, platform, items) for (path, platform), items in losses))
+        # written on change only: losses are rare, and each write is logged
         if found != self._written:
             self._written = found
             self._losses.write(found)

@@ -36,6 +36,7 @@ class RuleStore:
         except FileNotFoundError:
             return
         except (OSError, ConfigError) as error:
+            # kept aside, not overwritten: the next change would destroy what an operator can repair
             aside = set_aside(path, f".broken-{utc_ns()}")
             log.error("%s: cannot be used (%s); kept as %s, no rule is in force", path, error, aside)
 
@@ -59,6 +60,7 @@ class RuleStore:
 
     def _with(self, request: TreeRule) -> tuple[Rule, ...]:
         before = next((rule for rule in self.rules if rule.pattern == request.pattern), None)
+        # fields that the request leaves out keep their value
         base = before or Rule(request.pattern)
         given = {
             name: value
@@ -73,6 +75,7 @@ class RuleStore:
                 f" {rule.min_interval_s:g} (min_interval_s) or more"
             )
         if before is not None:
+            # in its place: the order decides which rule applies
             return tuple(rule if one is before else one for one in self.rules)
         if len(self.rules) >= RULES_LIMIT:
             raise InvalidInput(f"rule {rule.pattern}: {len(self.rules)} rules are set; expected fewer")

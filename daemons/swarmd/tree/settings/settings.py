@@ -45,6 +45,7 @@ class Settings:
         for path in [path for path, board in self._boards.items() if board.resource != wanted.get(path)]:
             self._boards.pop(path).close(unlink=path not in wanted)
         for path, resource in wanted.items():
+            # a refused setting is tried again when its resource changes, not at each other change
             if path not in self._boards and self._refused.get(path) != resource:
                 self._publish(resource)
 
@@ -70,6 +71,7 @@ class Settings:
         An application takes only what was written after it has joined: its file may have changed before.
         """
         for entry in table:
+            # a restarted application has another start; a changed file alone is not a restart
             if not entry.live or self._joined.get(entry.id) == entry.started_ns:
                 continue
             self._joined[entry.id] = entry.started_ns
@@ -138,6 +140,7 @@ class Settings:
             raise InvalidInput(f"{shown}: a {resource.kind} has no default; expected a setting")
         value = self._own_value(resource)
         kept = self._store.get(resource.path)
+        # no override to remove: the version must not change without an effect
         if kept is None or kept.value is None:
             return value, NEVER_SET if kept is None else kept.version
         return value, await self._change(resource, value, shown, by, kept.version, overrides=False)
@@ -172,6 +175,7 @@ class Settings:
             board = self._boards.get(resource.path)
             if board is None or board.resource != resource:
                 raise NotFound(f"{shown}: is not in force; the log of {self._module.platform} has the reason")
+            # inside the lock: two operators with the same version must not both succeed
             present = self.version(resource.path)
             if expected is not None and expected != present:
                 found = msgspec.json.encode(_plain(self._value(resource))).decode()
@@ -186,6 +190,7 @@ class Settings:
                 overrides=overrides,
             )
             try:
+                # the disk before the board: a value in force must survive a restart
                 stored = await asyncio.to_thread(self._store.put, resource.path, change)
             except OSError as error:
                 raise SwarmError(f"{shown}: cannot be stored: {error}; the old value stays") from error

@@ -33,6 +33,7 @@ class SettingsStore:
         except FileNotFoundError:
             return
         except (OSError, ConfigError) as error:
+            # kept aside, not overwritten: the next change would destroy what an operator can repair
             aside = set_aside(self._path, f".broken-{utc_ns()}")
             log.error("%s: cannot be used (%s); kept as %s, defaults are in force", self._path, error, aside)
 
@@ -56,10 +57,12 @@ class SettingsStore:
         )
         fresh = {**self._kept, path: kept}
         content = _encoded(fresh)
+        # history goes first: values in force must never be dropped
         while len(content) > SIZE_LIMIT and any(len(one.history) > 1 for one in fresh.values()):
             fresh = {path: _shorter(one) for path, one in fresh.items()}
             content = _encoded(fresh)
         self._path.parent.mkdir(parents=True, exist_ok=True)
+        # memory follows the disk: after an error both still have the former state
         replace_file(self._path, content)
         self._kept = fresh
         return fresh[path]

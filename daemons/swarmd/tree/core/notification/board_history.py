@@ -84,18 +84,21 @@ class BoardHistory:
         """
         due_ns = max(self._kept_ns + self._interval_ns, item.stamp_ns)
         is_new = self._kept_data is None or differs(self._kept_data, item.data, self.deadband)
+        # the buffer holds what the rate would have sent, not each written value
         if next_ns > due_ns and is_new and self.channel.limit_ns is not None:
             self._kept_data, self._kept_ns = item.data, due_ns
             self.keep(item)
 
     def keep(self, item: TreeItem) -> None:
         """Add a value that was not delivered."""
+        # a value that failed may be older than values that came meanwhile
         insort(self._items, item, key=_STAMP)
         self._size += len(item.data)
         self._shorten()
 
     def _shorten(self) -> None:
         items, channel = self._items, self.channel
+        # one value always stays, even if it alone is larger than the buffer
         while len(items) > channel.buffer_items or (self._size > channel.buffer_bytes and len(items) > 1):
             self._drop_first()
         if items:
@@ -121,9 +124,11 @@ class BoardHistory:
         """Take values to be sent, at most `limit` and about `room` bytes: the newest first."""
         self._drop_before(now_ns)
         if pace_ns := self.channel.catch_up_ns:
+            # not more than the pace allows for the elapsed time, so that a pause makes no burst
             limit = min(limit, max(1, min(now_ns - self._sent_ns, BURST_NS) // pace_ns))
         self._sent_ns = now_ns
         taken: list[TreeItem] = []
+        # from the end: the newest former value is worth more than an old one
         sendable = bisect_right(self._items, self._arrived_ns, key=_STAMP)
         while sendable and len(taken) < limit and (room > 0 or not taken):
             sendable -= 1

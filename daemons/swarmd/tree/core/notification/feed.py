@@ -63,10 +63,12 @@ class Feed:
         self.latest_only = resource.kind in LATEST_ONLY
         wanted_ns = _ns(rule.min_interval_s)
         if not wanted_ns and self.latest_only:
+            # a wire between computers of one platform has room for every value
             wanted_ns = max(0 if over_wire else default_interval_ns, half_period_ns(resource))
         self._own_interval_ns = wanted_ns
         self._interval_ns = wanted_ns
         """Minimum interval by rule or resource; 0 while a rule of channels sets the rate."""
+        # an event or item that is repeated would count as a second one
         self._repeat_ns = _ns(rule.max_interval_s) if self.latest_only else 0
         self._each = over_wire and rule.deadband <= 0
         """Whether a value that equals the one sent last is sent, too."""
@@ -149,6 +151,7 @@ class Feed:
         """Set rate, buffer, compression and priority, as operators and the file set them."""
         may_be_video = self.resource.kind is Kind.STREAM and self.resource.type == IMAGE
         channel = FeedChannel.of(settings, may_be_video=may_be_video)
+        # rules are applied again at each change of the structure, mostly without an effect
         if channel == self._channel:
             return
         is_limited = channel.limit_ns != self._channel.limit_ns
@@ -158,6 +161,7 @@ class Feed:
             self._admit_ns = None
             self._thin()
         self._follow_link(channel.is_adaptive and self.resource.kind is Kind.STREAM)
+        # a stream is thinned when items arrive, so sending may catch up; a board is limited here
         self._limit_ns = channel.catch_up_ns if self.resource.kind is Kind.STREAM else channel.limit_ns
         self._shorten()
         if self._may_keep:
@@ -175,6 +179,7 @@ class Feed:
 
     def _set_history(self, channel: FeedChannel) -> None:
         if not channel.is_buffered:
+            # what was in the buffer is lost with it, and stays in the count
             self.dropped = self.lost + (0 if self.history is None else self.history.waiting[0])
             self.history = None
             return
@@ -190,6 +195,7 @@ class Feed:
             else:
                 self.held_back += 1
             return
+        # before the newer value takes its place
         if self.history is not None and self._pending is not None:
             self.history.on_superseded(self._pending, item.stamp_ns)
         if self._pending is not None and self._in_flight is not None:
@@ -279,6 +285,7 @@ class Feed:
     def take(self, now_ns: int, limit: int, room: int) -> list[TreeItem]:
         """Take items to be sent, at most `limit` items and about `room` bytes, at least one."""
         if self.latest_only:
+            # without a waiting value it is a repetition, which `due_ns` has asked for
             item = self._pending or self._newest
             if item is None:
                 return []
@@ -291,6 +298,7 @@ class Feed:
             return [item]
         self._drop_before(now_ns)
         if self._limit_ns:
+            # at a high rate several items at once: a notification for each would cost more than it
             limit = min(limit, max(1, min(now_ns - self._sent_ns, BURST_NS) // self._limit_ns))
         self._sent_ns = now_ns
         taken: list[TreeItem] = []
@@ -306,6 +314,7 @@ class Feed:
         if self._sent is not None:
             spacing_ns = now_ns - self._sent_ns
             before_ns = self._spacing_ns or spacing_ns
+            # a quarter of the difference: the shown rate follows within a few values, without jumping
             self._spacing_ns = before_ns + (spacing_ns - before_ns) // 4
 
     def on_acknowledged(self, items: Sequence[TreeItem], now_ns: int) -> None:
@@ -329,10 +338,12 @@ class Feed:
             self._pending = self._newest
             if self.history is not None:
                 self.history.on_failed()
+                # the newest value waits already; twice it would arrive after itself
                 self.history.requeue([item for item in items if item is not self._newest])
             return
         if self._link_rate is not None:
             self._link_rate.on_returned(items)
+        # at the front, in their order: items of a stream must not overtake each other
         self._queue.extendleft(reversed(items))
         self._size += sum(len(item.data) for item in items)
         self._shorten()

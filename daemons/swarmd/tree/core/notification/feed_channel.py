@@ -41,7 +41,7 @@ class FeedChannel(msgspec.Struct, frozen=True):
 
     @property
     def catch_up_ns(self) -> int | None:
-        """Minimum interval of items that waited; below the interval of new ones, else the queue never ends."""
+        """Minimum interval of waiting items; shorter than for new ones, or the queue would never end."""
         return self.limit_ns and self.limit_ns // CATCH_UP
 
     @classmethod
@@ -51,6 +51,7 @@ class FeedChannel(msgspec.Struct, frozen=True):
         is_rate_set = max_hz is not None
         if settings.is_video:
             max_hz = 0.0 if may_be_video else max_hz
+            # a coded image is compressed already
             settings = msgspec.structs.replace(settings, compression=str(Method.NONE))
         compression = Compression.parse(settings.compression or "none")
         return cls(

@@ -52,6 +52,7 @@ def is_worth(items: Sequence[TreeItem], coding: Coding) -> bool:
     method = coding.compression.method
     if method is Method.NONE or sum(len(item.data) for item in items) < SMALLEST:
         return False
+    # a JPEG is a value of its own type, which needs no method at the receiver
     return method is Method.JPEG or needs(coding.compression) <= coding.reads
 
 
@@ -64,6 +65,7 @@ def code(items: Sequence[TreeItem], coding: Coding) -> list[TreeItem]:
     )
     records = _records(items, coding)
     data = pack(_run_encoder.encode(run), coding.compression, records, len(items))
+    # one container also saves the paths of all items but one
     if len(data) >= len(run.data) + _PATH_BYTES * (len(items) - 1):
         return list(items)
     return [msgspec.structs.replace(first, data=data, codec=CONTAINER)]
@@ -86,6 +88,7 @@ def _of_run(item: TreeItem) -> list[TreeItem]:
         run = _run_decoder.decode(unpack(item.data))
     except (msgspec.DecodeError, RecursionError, ValueError) as error:
         raise WireError(f"run of items: {error}") from error
+    # checked before the items are cut: a wrong size would shift all that follow
     if sum(one.size for one in run.items) != len(run.data):
         raise WireError(f"run of {len(run.items)} items with {len(run.data)} bytes: its sizes differ")
     out, at = [], 0
@@ -99,6 +102,7 @@ def _of_run(item: TreeItem) -> list[TreeItem]:
 def _records(items: Sequence[TreeItem], coding: Coding) -> Records:
     """Records at the end of a run: the records of its only item, or packets of equal length."""
     first = items[0]
+    # compressed or packed values have no records that a filter could use
     if any(item.codec for item in items):
         return NO_RECORDS
     records = registry.records(coding.type, first.data)

@@ -70,6 +70,7 @@ class LinkRate:
             return False
         self._item_bits = bits
         period_ns = self._period_ns
+        # a bucket: what is ahead of the clock has been admitted, but not sent at this rate
         ahead_ns = self._due_ns - now_ns
         if ahead_ns > max(period_ns, STOPPED_NS):
             ahead_ns = 0  # the clock was set back, or items were far larger before
@@ -87,6 +88,7 @@ class LinkRate:
     def _is_stopped(self, now_ns: int, waiting_ns: int | None) -> bool:
         latest_ns = now_ns - STOP_NS - self._period_ns
         oldest_ns = next(iter(self._under_way.values()), None)
+        # the delay of the empty link does not come from a queue
         if oldest_ns is not None and oldest_ns < latest_ns - (self._delay.minimum_ns or 0):
             return True
         return waiting_ns is not None and waiting_ns < latest_ns
@@ -114,6 +116,7 @@ class LinkRate:
         waited_ns = 0 if waiting_ns is None else max(0, now_ns - waiting_ns - period_ns)
         if max(queueing_ns, waited_ns) > QUEUE_NS:
             self._queue_ns = now_ns
+        # else a limit that was once set would grow only slowly on a link that is free
         if self.is_limited and now_ns - self._queue_ns > FREE_NS:
             self._control.on_free(now_ns)
         else:

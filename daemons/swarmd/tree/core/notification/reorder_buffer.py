@@ -33,6 +33,7 @@ class ReorderBuffer:
             # the owner does not retransmit older ones: what is missing never arrives
             ready = [self._waiting.pop(held) for held in sorted(self._waiting) if held < first]
             self._expected = first
+        # a smaller serial is a duplicate, whose acknowledgement was lost
         if serial >= self._expected:
             self._waiting[serial] = notify
         while (following := self._waiting.pop(self._expected, None)) is not None:
@@ -58,6 +59,7 @@ class NotificationReceiver:
     def take(self, notify: TreeNotify) -> list[TreeNotify]:
         """Add a notification; returns those in order. Raises: WireError for a serial out of the window."""
         if notify.epoch != self._epoch:
+            # a restarted tree counts again from its first serial
             self._epoch, self._buffers = notify.epoch, {}
         return self._buffers.setdefault(notify.lane, ReorderBuffer()).take(notify)
 

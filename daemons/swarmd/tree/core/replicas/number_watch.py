@@ -33,6 +33,7 @@ class NumberWatch:
         found: dict[str, tuple[int, list[str]]] = {}
         for replica in self._replicas:
             known = self._found.get(replica.name)
+            # only what has changed: each comparison reads a whole structure
             if known is None or known[0] != replica.digest:
                 known = replica.digest, self._between(replica)
             found[replica.name] = known

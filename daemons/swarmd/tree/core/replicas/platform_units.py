@@ -40,7 +40,7 @@ class PlatformUnits:
         self._tree = tree
         self._by_platform: dict[str, list[Replica]] = {}
         self._sent: set[tuple[str, str]] = set()
-        """Pairs of computer and path with a received value: the path is not only in the computer's template."""
+        """Pairs of computer and path with a received value: not only the computer's template has the path."""
 
     # -- the computers
 
@@ -48,6 +48,7 @@ class PlatformUnits:
         """A computer is known."""
         units = self._by_platform.setdefault(replica.address.platform, [])
         units.append(replica)
+        # `main` first: it has the template, which decides where nothing else does
         units.sort(key=lambda unit: (unit.address.unit != MAIN, names.natural(unit.name)))
 
     def remove(self, replica: Replica) -> list[PruneMirrors | RemoveMirrors]:
@@ -83,6 +84,7 @@ class PlatformUnits:
         if platform == self._own.platform:
             if self._tree.holds(path):
                 return None
+        # most platforms have one computer: no search for the best
         elif len(units) == 1:
             return units[0]
         best: tuple[bool, bool, bool] | None = None

@@ -109,6 +109,7 @@ class RemoteSubscription:
 
     def on_asked(self) -> bool:
         """A request is sent; whether it renews what the other platform should have, without a body."""
+        # a renewal carries only the digest, where a body may have many patterns
         renews = self.state is SubscriptionState.UNVERIFIED
         self._on(SubscriptionEvent.ASKED)
         return renews
@@ -136,6 +137,7 @@ class RemoteSubscription:
 
     def on_former(self, epoch: int) -> None:
         """The platform sends values for a subscription of an earlier start of this tree."""
+        # no digest equals this one, so the subscription is replaced or ended
         self._held = (epoch, UNKNOWN_BODY)
         self._compare()
 

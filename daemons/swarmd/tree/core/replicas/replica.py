@@ -112,6 +112,7 @@ class Replica:
         if same and wanted.digest == self.subscription.wanted.digest:
             return False
         self.platform_patterns, self.computer_patterns = platform, computer
+        # the computed boards are of the former patterns
         self.matched = None
         self.subscription.set_wanted(wanted)
         return True

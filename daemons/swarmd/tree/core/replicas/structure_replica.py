@@ -128,6 +128,7 @@ class StructureReplica:
 
     def on_asked(self) -> bool:
         """A request is sent; whether it is for the full structure."""
+        # the reply is newer than all reports so far
         self._before_request, self._announced = self._advertised, None
         self._on(StructureEvent.ASKED)
         return self.state is StructureState.ASKING_FULL

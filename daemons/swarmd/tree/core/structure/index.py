@@ -111,6 +111,7 @@ class Index:
         branch = path.rpartition("/")[0]
         below = map(_path, self._paths.find(f"{branch}/**")) if branch else ()
         siblings = [one for one in below if one != branch]
+        # bounded: each path costs a comparison, and a mistyped path must be answered quickly
         paths = sorted(self._leaves)[:5000]
         close = similar(path, siblings or paths, limit=HINTS, cutoff=0.6)
         if not close and siblings:

@@ -82,6 +82,7 @@ class PathTrie(Generic[T]):
         branches = self._editable(above)
         del branches[-1].leaves[last]
         for parent, segment, branch in zip(branches[-2::-1], above[::-1], branches[:0:-1], strict=True):
+            # an empty branch would be found by `**` and searched for nothing
             if branch.leaves or branch.branches:
                 break
             del parent.branches[segment]
@@ -200,6 +201,7 @@ class _Search:
         for name in branches if step.literal_branches is None else step.literal_branches:
             if (child := branches.get(name)) is None:
                 continue
+            # names repeat in every platform, so the step after a name is computed once
             following = after[name] if name in after else self._after(step, name)
             if following is None:
                 continue

@@ -129,6 +129,7 @@ class Patches:
             self._held.move_to_end(data)
             return known
         patch = decode(data)
+        # a patch larger than the cache would empty it for nothing
         if patch.paths <= self._room:
             self._held[data] = patch
             self.paths += patch.paths
@@ -141,6 +142,7 @@ def decode(data: bytes) -> Patch:
     """Changes from the wire. Raises: WireError."""
     inflate = zlib.decompressobj(zdict=DICTIONARY)
     try:
+        # bounded: a few bytes of deflate may stand for gigabytes
         plain = inflate.decompress(data, PLAIN_LIMIT)
         if not inflate.eof:
             raise WireError(f"cut short, or more than {PLAIN_LIMIT} bytes")

@@ -31,6 +31,7 @@ class StructureDecoder:
             index = self._base(known, reply, patch.template)
             if index is not None:
                 patch.apply(index)
+        # the digest is the proof that both sides have the same structure, whatever the encoding was
         return index if index is not None and index.digest == reply.digest else None
 
     def of_notification(self, known: Index | None, notify: TreeNotify) -> Index | None:

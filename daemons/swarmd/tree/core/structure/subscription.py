@@ -32,6 +32,7 @@ class Subscription(msgspec.Struct, frozen=True):
 @lru_cache(maxsize=1024)
 def make_subscription(patterns: frozenset[str], rules: tuple[Rule, ...]) -> Subscription:
     """The subscription for local patterns; equal content gives the same object."""
+    # sorted, so that equal sets have equal digests
     ordered = tuple(sorted(patterns))
     mark = blake2b(_encoder.encode((ordered, rules)), digest_size=8).digest()
     return Subscription(ordered, rules, int.from_bytes(mark, "little"))
@@ -90,6 +91,7 @@ class LocalSubscriptions:
         self.refused = {}
         for text in patterns:
             name, local = split(text)
+            # its own resources are in the rings of this computer
             if name == self._own.path:
                 continue
             local = local or ANYTHING
@@ -134,6 +136,7 @@ class LocalSubscriptions:
             found = self.of_platform(address) | self.of_computer(address)
             return make_subscription(found, self._rules if found else ())
         found = self._read_at(address.platform) | self.of_computer(address)
+        # where an application reads a path, its values come without the slow rule
         kept = [path for path in self.keep if not any(pattern(text).matches(path) for text in found)]
         found |= frozenset(kept)
         slow = tuple(Rule(path, min_interval_s=KEEP_S) for path in kept)

@@ -175,6 +175,7 @@ class Subscriber:
         parts: Parts = []
         count = size = 0
         for feed in self._feeds_of(lane.number):
+            # the rest follows in the next notification, which starts with the next feed
             if count >= ITEMS_LIMIT or size >= BYTES_LIMIT:
                 break
             due_ns = feed.due_ns()
@@ -198,6 +199,7 @@ class Subscriber:
                 if _LANES.get(feed.resource.kind, LaneNumber.UPDATES) is number
             ]
         served = self._turn.get(number)
+        # continue after the feed that was served last: none can starve the others
         for index, feed in enumerate(feeds):
             if feed.resource.path == served:
                 feeds = feeds[index + 1 :] + feeds[: index + 1]

@@ -179,6 +179,7 @@ class Subscribers:
         is_same = one is not None and one.subscription.digest == request.set_digest
         is_held = one is not None and is_same and _role(one.sender) == _role(sender)
         lease_span_ns = round(checked_s("lease_s", request.lease_s, LEASE_MAX_S) * 1e9)
+        # known subscribers are served when the table is full: invented names cannot push them out
         is_full = one is None and len(self._subscribers) >= SUBSCRIBERS_LIMIT
         if is_full or (request.renew and not is_same):
             return msgspec.structs.replace(reply, unknown=True)
@@ -188,6 +189,7 @@ class Subscribers:
             asked = one.subscription if one is not None and is_same else _asked(request)
             held = {} if one is None else one.feeds
             plan = self._planner.plan(asked, held, self._watched.newest, sender, over_wire=over_wire)
+        # a subscription after the end of the lease makes the message about the end superfluous
         self._lapsed.pop(request.platform, None)
         if not asked.patterns:
             if one is not None:
@@ -347,6 +349,7 @@ class Subscribers:
     def _drop(self, one: Subscriber) -> None:
         self._watched.replace(one, one.feeds, {})
         self.plan_version += bool(one.plan.beacon_boards)
+        # a later subscription of the same platform continues the serials
         self._serial = max(self._serial, one.serial)
         del self._subscribers[one.platform]
         self._timers.drop(one.platform)

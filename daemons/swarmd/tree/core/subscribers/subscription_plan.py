@@ -101,9 +101,11 @@ class SubscriptionPlanner:
                 continue
             rule = self.rule(resource.path, subscription)
             feed = held.get(resource.path)
+            # an unchanged feed continues: its queue and its last value would be lost otherwise
             if feed is None or feed.resource != resource or feed.rule != rule:
                 feed = Feed(resource, rule, self._min_interval_ns, over_wire=over_wire)
                 value = newest.get(resource.path)
+                # events of the past are not for a new subscriber; the newest value of a board is
                 if value is not None and feed.latest_only:
                     feed.offer(value)
             feeds[resource.path] = feed

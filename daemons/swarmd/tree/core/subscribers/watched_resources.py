@@ -51,6 +51,7 @@ class WatchedResources:
         for path, feed in feeds.items():
             readers = self._readers.setdefault(path, {})
             changed = path in before and before[path].resource != feed.resource
+            # the first reader opens the ring; later ones share it
             if not readers or changed:
                 self._emit(Watch(feed.resource))
             if changed:

@@ -52,5 +52,6 @@ class InputMeter:
             return
         for item in items:
             stamp_ns = self._to_local_ns(hardware, item.stamp_ns)
+            # the conversion of a clock has an error, which may exceed a short delay
             delay_ns = None if stamp_ns is None else max(0, now_ns - stamp_ns)
             self.counts.setdefault((address.unit, item.path), InputCount()).add(len(item.data), delay_ns)

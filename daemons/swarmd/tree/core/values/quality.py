@@ -25,6 +25,7 @@ def quality(
     `mirrored`: it is of another platform, whose beacons omit unchanged values; `interval_s`:
     between two values of it, where a subscription or an operator has made that longer than its period.
     """
+    # before the age: a value without an owner is not live, however new it is
     if leaf.lost or not reachable:
         return Quality.LOST
     if not known:
@@ -50,5 +51,6 @@ def measured_hz(values: int, span_s: float, age_s: float | None) -> float | None
         return None
     period_s = span_s / values
     if age_s is not None and age_s > SILENCE * period_s:
+        # a writer that has stopped shows a falling rate, not its last one for ever
         span_s += age_s
     return values / span_s
