@@ -7,7 +7,7 @@ from typing import Final
 import msgspec
 
 from swarmctl.terminal.output import Output
-from swarmctl.terminal.table import Column
+from swarmctl.terminal.table import Detail, rows_of
 from swarmlab import experiment
 from swarmlab.measure.clocks import ClockTruth
 from swarmlab.measure.path_difference import Flown, PathDifference, difference
@@ -240,43 +240,29 @@ def _show(report: DistributionReport, out: Output) -> None:
     if out.settings.structured:
         out.exact(report)
         return
-    rows = [
-        (
-            one.platform,
-            " ".join(one.units),
-            f"{one.difference.rms_m:.3f}" if one.difference else None,
-            f"{one.difference.max_m:.3f}" if one.difference else None,
-            f"{one.difference.same_time_rms_m:.3f}" if one.difference else None,
-            sum(one.collisions),
-        )
-        for one in report.vehicles
+    details: list[Detail[VehicleDifference]] = [
+        Detail("VEHICLE", value=lambda one: one.platform),
+        Detail("UNITS", value=lambda one: " ".join(one.units)),
+        Detail(
+            "RMS m", value=lambda one: f"{one.difference.rms_m:.3f}" if one.difference else None, right=True
+        ),
+        Detail(
+            "MAX m", value=lambda one: f"{one.difference.max_m:.3f}" if one.difference else None, right=True
+        ),
+        Detail(
+            "SAME TIME RMS m",
+            value=lambda one: f"{one.difference.same_time_rms_m:.3f}" if one.difference else None,
+            right=True,
+        ),
+        Detail("COLLISIONS", value=lambda one: sum(one.collisions), right=True),
     ]
-    columns = [
-        Column("VEHICLE"),
-        Column("UNITS"),
-        Column("RMS m", right=True),
-        Column("MAX m", right=True),
-        Column("SAME TIME RMS m", right=True),
-        Column("COLLISIONS", right=True),
+    out.table(details, rows_of(details, report.vehicles))
+    delays: list[Detail[InputDelay]] = [
+        Detail("COMPUTER", value=lambda one: f"{one.platform}.{one.unit}"),
+        Detail("INPUT", value=lambda one: one.path),
+        Detail("VALUES", value=lambda one: one.values, right=True),
+        Detail("MEAN ms", value=lambda one: f"{one.mean_ms:.1f}", right=True),
+        Detail("P99 ms", value=lambda one: f"{one.p99_ms:.1f}", right=True),
+        Detail("WORST ms", value=lambda one: f"{one.worst_ms:.1f}", right=True),
     ]
-    out.table(columns, rows)
-    delays = [
-        (
-            f"{one.platform}.{one.unit}",
-            one.path,
-            one.values,
-            f"{one.mean_ms:.1f}",
-            f"{one.p99_ms:.1f}",
-            f"{one.worst_ms:.1f}",
-        )
-        for one in report.inputs
-    ]
-    columns = [
-        Column("COMPUTER"),
-        Column("INPUT"),
-        Column("VALUES", right=True),
-        Column("MEAN ms", right=True),
-        Column("P99 ms", right=True),
-        Column("WORST ms", right=True),
-    ]
-    out.table(columns, delays)
+    out.table(delays, rows_of(delays, report.inputs))

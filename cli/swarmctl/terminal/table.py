@@ -1,7 +1,7 @@
 """Tables of commands, fitted to the width of a terminal without breaking a word."""
 
-from collections.abc import Callable, Sequence
-from typing import Final
+from collections.abc import Callable, Iterable, Sequence
+from typing import Final, Generic, TypeVar
 
 import msgspec
 
@@ -9,6 +9,7 @@ from swarmctl.terminal.wrapping import atoms, words, wrapped
 from swarmware.model.visible import visible
 
 Cell = str | int | float | bool | None
+T = TypeVar("T")
 
 GAP: Final = "  "
 """Space between two columns."""
@@ -31,6 +32,17 @@ class Column(msgspec.Struct, frozen=True):
     """Order in which columns are hidden on a narrow terminal, the highest first, or 0 for never."""
     wraps: bool = False
     """Its texts are wrapped before another column is hidden."""
+
+
+class Detail(Column, Generic[T], frozen=True, kw_only=True):
+    """A column with its cell of each listed item."""
+
+    value: Callable[[T], Cell]
+
+
+def rows_of(details: Sequence[Detail[T]], items: Iterable[T]) -> list[tuple[Cell, ...]]:
+    """The rows of a table, one for each item."""
+    return [tuple(detail.value(item) for detail in details) for item in items]
 
 
 class FittedTable(msgspec.Struct, frozen=True):

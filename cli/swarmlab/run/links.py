@@ -11,7 +11,7 @@ from swarmctl.session import labs
 from swarmctl.session.labs import LabNode, LabState
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.quantities import bit_s, span_s
-from swarmctl.terminal.table import Column
+from swarmctl.terminal.table import Detail, rows_of
 from swarmlab.radio import orders
 from swarmlab.radio.core.link import DELAY_MAX_S, RATE_MAX_BIT_S, Impairment, ImpairmentChange
 from swarmlab.radio.core.network import LinkReport
@@ -29,21 +29,26 @@ class RadioLinks(msgspec.Struct, frozen=True):
     links: list[LinkReport]
 
 
-_COLUMNS: Final = (
-    Column("FROM"),
-    Column("TO"),
-    Column("STATE"),
-    Column("DISTANCE", right=True),
-    Column("RATE", right=True, drop=3),
-    Column("LOSS", right=True, drop=2),
-    Column("SET", wraps=True),
-    Column("FRAMES", right=True),
-    Column("LOST", right=True),
-    Column("DROPPED", right=True, drop=1),
-    Column("CUT", right=True),
-    Column("QUEUED", right=True, drop=4),
-    Column("DELAY", right=True),
-)
+_DETAILS: Final[list[Detail[LinkReport]]] = [
+    Detail("FROM", value=lambda link: link.sender),
+    Detail("TO", value=lambda link: link.receiver),
+    Detail("STATE", value=lambda link: link.state),
+    Detail("DISTANCE", value=lambda link: f"{link.distance_m:.0f} m", right=True),
+    Detail(
+        "RATE",
+        value=lambda link: f"{link.rate_bit_s / 1e6:.1f} Mbit/s" if link.rate_bit_s else "wire",
+        right=True,
+        drop=3,
+    ),
+    Detail("LOSS", value=lambda link: f"{link.radio_loss_ratio * 100:.0f} %", right=True, drop=2),
+    Detail("SET", value=lambda link: _set(link.impairment), wraps=True),
+    Detail("FRAMES", value=lambda link: link.frames, right=True),
+    Detail("LOST", value=lambda link: link.lost, right=True),
+    Detail("DROPPED", value=lambda link: link.dropped, right=True, drop=1),
+    Detail("CUT", value=lambda link: link.cut, right=True),
+    Detail("QUEUED", value=lambda link: f"{link.queued_bytes} B", right=True, drop=4),
+    Detail("DELAY", value=lambda link: f"{link.delay_s * 1000:.1f} ms", right=True),
+]
 
 
 def change(loss: str | None, delay: str | None, jitter: str | None, rate: str | None) -> ImpairmentChange:
@@ -164,25 +169,7 @@ def _order(lab: LabState, order: RadioOrder, out: Output) -> None:
     if out.settings.structured:
         out.document(RadioLinks(lab.name, links))
         return
-    out.table(_COLUMNS, [_cells(link) for link in links], empty="no links")
-
-
-def _cells(link: LinkReport) -> tuple[str | int, ...]:
-    return (
-        link.sender,
-        link.receiver,
-        link.state,
-        f"{link.distance_m:.0f} m",
-        f"{link.rate_bit_s / 1e6:.1f} Mbit/s" if link.rate_bit_s else "wire",
-        f"{link.radio_loss_ratio * 100:.0f} %",
-        _set(link.impairment),
-        link.frames,
-        link.lost,
-        link.dropped,
-        link.cut,
-        f"{link.queued_bytes} B",
-        f"{link.delay_s * 1000:.1f} ms",
-    )
+    out.table(_DETAILS, rows_of(_DETAILS, links), empty="no links")
 
 
 def _set(impairment: Impairment) -> str:

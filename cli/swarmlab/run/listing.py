@@ -13,7 +13,7 @@ from swarmctl.session import labs
 from swarmctl.session.labs import LabNode, LabState
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.quantities import spoken
-from swarmctl.terminal.table import Column
+from swarmctl.terminal.table import Detail, rows_of
 from swarmware.model.config import CONFIG_VARIABLE
 
 
@@ -54,16 +54,16 @@ class ProcessLogLine(msgspec.Struct, frozen=True):
     text: str
 
 
-_COLUMNS = (
-    Column("LAB"),
-    Column("EXPERIMENT"),
-    Column("STATE"),
-    Column("NODES", right=True),
-    Column("ALIVE", right=True),
-    Column("AGE", right=True),
-    Column("MULTICAST", drop=1),
-    Column("FOLDER"),
-)
+_DETAILS: list[Detail[LabLine]] = [
+    Detail("LAB", value=lambda lab: lab.name),
+    Detail("EXPERIMENT", value=lambda lab: lab.experiment),
+    Detail("STATE", value=lambda lab: lab.state),
+    Detail("NODES", value=lambda lab: lab.nodes, right=True),
+    Detail("ALIVE", value=lambda lab: lab.alive, right=True),
+    Detail("AGE", value=lambda lab: spoken(lab.age_s), right=True),
+    Detail("MULTICAST", value=lambda lab: lab.multicast, drop=1),
+    Detail("FOLDER", value=lambda lab: lab.folder),
+]
 
 
 def describe(lab: LabState, now_utc_ns: int) -> LabLine:
@@ -91,11 +91,8 @@ def list_labs(out: Output) -> None:
     if out.settings.structured:
         out.document(LabList(lines))
         return
-    rows = [
-        (x.name, x.experiment, x.state, x.nodes, x.alive, spoken(x.age_s), x.multicast, x.folder)
-        for x in lines
-    ]
-    out.table(_COLUMNS, rows, empty="no lab on this computer; `swarmctl lab up formation` starts one")
+    empty = "no lab on this computer; `swarmctl lab up formation` starts one"
+    out.table(_DETAILS, rows_of(_DETAILS, lines), empty=empty)
 
 
 def print_environment(platform: str, out: Output) -> None:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from swarmctl.terminal.table import Cell, Column, fitted_table, show
+from swarmctl.terminal.table import Cell, Column, Detail, fitted_table, rows_of, show
 from swarmctl.terminal.wrapping import wrapped
 
 COLUMNS = (
@@ -115,3 +115,12 @@ def test_long_value_does_not_stretch_piped_lines() -> None:
     table = fitted_table(columns, rows)
     assert table.header == ["KEY       VALUE  FROM"]
     assert table.rows == [f"services  {'x' * 500}  default", "platform  uav1   node.toml"]
+
+
+def test_details_make_a_cell_of_each_item() -> None:
+    details: list[Detail[int]] = [
+        Detail("N", value=lambda n: n, right=True),
+        Detail("SQUARE", value=lambda n: n * n),
+    ]
+    assert rows_of(details, range(3)) == [(0, 0), (1, 1), (2, 4)]
+    assert details[0].right

@@ -15,7 +15,7 @@ from swarmctl.session.session import Session, config_dir, local_config_dirs
 from swarmctl.terminal.node_output import NodeOutput, print_results, raise_errors
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.quantities import utc_text
-from swarmctl.terminal.table import Column
+from swarmctl.terminal.table import Detail, rows_of
 from swarmware.errors import ConfigError, NotFound, SwarmError
 from swarmware.model import names, paths, template
 from swarmware.model.config import load_node
@@ -248,34 +248,21 @@ def print_table(out: Output, found: ConfiguredKeys, *, changed: bool) -> None:
     if out.settings.structured:
         out.document(msgspec.structs.replace(found, settings=keys))
         return
-    columns = [
-        Column("KEY"),
-        Column("VALUE", wraps=True),
-        Column("UNIT"),
-        Column("FROM", drop=1),
-        Column("CHANGE", drop=2),
-        Column("DEFAULT", wide=True),
-        Column("RANGE", wide=True),
-        Column("TYPE", wide=True),
-        Column("BY", wide=True),
-        Column("AT", wide=True),
+    details: list[Detail[ConfiguredKey]] = [
+        Detail("KEY", value=lambda key: key.key),
+        Detail("VALUE", value=lambda key: brief(key.value), wraps=True),
+        Detail("UNIT", value=lambda key: unit_suffix(key.unit).strip()),
+        Detail("FROM", value=lambda key: key.source, drop=1),
+        Detail("CHANGE", value=lambda key: "live" if key.live else "restart", drop=2),
+        Detail("DEFAULT", value=lambda key: brief(key.default), wide=True),
+        Detail("RANGE", value=lambda key: key.range, wide=True),
+        Detail("TYPE", value=lambda key: key.type, wide=True),
+        Detail("BY", value=lambda key: key.changed_by, wide=True),
+        Detail(
+            "AT", value=lambda key: utc_text(key.changed_utc_ns) if key.changed_utc_ns else None, wide=True
+        ),
     ]
-    rows = [
-        (
-            key.key,
-            brief(key.value),
-            unit_suffix(key.unit).strip(),
-            key.source,
-            "live" if key.live else "restart",
-            brief(key.default),
-            key.range,
-            key.type,
-            key.changed_by,
-            utc_text(key.changed_utc_ns) if key.changed_utc_ns else None,
-        )
-        for key in keys
-    ]
-    out.table(columns, rows, empty=f"{found.platform}: every key has its default")
+    out.table(details, rows_of(details, keys), empty=f"{found.platform}: every key has its default")
     _warn(out, found)
 
 

@@ -5,10 +5,10 @@ from typing import Final
 
 import msgspec
 
-from swarmctl.commands.doctor.placement_verdict import PlacementReport, judge
+from swarmctl.commands.doctor.placement_verdict import InputVerdict, PlacementReport, judge
 from swarmctl.resources.fanout import read_boards
 from swarmctl.session.session import Session
-from swarmctl.terminal.table import Cell, Column
+from swarmctl.terminal.table import Cell, Column, Detail, rows_of
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.model import names
 from swarmware.model.names import MAIN, Address
@@ -110,36 +110,21 @@ def _show(session: Session, reports: list[PlacementReport]) -> None:
         Column("CAPACITY"),
     ]
     out.table(columns, rows)
-    inputs: list[tuple[Cell, ...]] = [
-        (
-            one.path,
-            one.unit,
-            " ".join(one.applications),
-            _ms(one.delay_mean_ms),
-            _ms(one.delay_p95_ms),
-            _ms(one.delay_worst_ms),
-            _ms(one.needed_ms),
-            f"{one.bytes_s:.0f}",
-            "late" if one.late else "ok" if one.needed_ms else "no need stated",
-        )
-        for report in reports
-        for one in report.inputs
+    inputs: list[Detail[InputVerdict]] = [
+        Detail("INPUT", value=lambda one: one.path),
+        Detail("FROM", value=lambda one: one.unit),
+        Detail("READ BY", value=lambda one: " ".join(one.applications), wraps=True),
+        Detail("MEAN ms", value=lambda one: _ms(one.delay_mean_ms), right=True, drop=1),
+        Detail("P95 ms", value=lambda one: _ms(one.delay_p95_ms), right=True),
+        Detail("WORST ms", value=lambda one: _ms(one.delay_worst_ms), right=True, drop=2),
+        Detail("NEEDED ms", value=lambda one: _ms(one.needed_ms), right=True),
+        Detail("B/s", value=lambda one: f"{one.bytes_s:.0f}", right=True),
+        Detail(
+            "DELAY", value=lambda one: "late" if one.late else "ok" if one.needed_ms else "no need stated"
+        ),
     ]
-    if inputs:
-        out.table(
-            [
-                Column("INPUT"),
-                Column("FROM"),
-                Column("READ BY", wraps=True),
-                Column("MEAN ms", right=True, drop=1),
-                Column("P95 ms", right=True),
-                Column("WORST ms", right=True, drop=2),
-                Column("NEEDED ms", right=True),
-                Column("B/s", right=True),
-                Column("DELAY"),
-            ],
-            inputs,
-        )
+    if found := [one for report in reports for one in report.inputs]:
+        out.table(inputs, rows_of(inputs, found))
     links: list[tuple[Cell, ...]] = [
         (
             f"{report.platform}.{link.sender}",

@@ -14,7 +14,7 @@ from swarmctl.membership.hosts import FleetHost, digest, files
 from swarmctl.terminal.node_output import raise_errors
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.quantities import spoken
-from swarmctl.terminal.table import Cell, Column
+from swarmctl.terminal.table import Detail, rows_of
 from swarmware.errors import SwarmError
 
 ANSWER_S: Final = 30.0
@@ -86,32 +86,23 @@ def config_state(seen: HostStatus, wanted: str) -> str:
 
 
 def _print(out: Output, listed: Sequence[ListedHost]) -> None:
-    columns = [
-        Column("HOST"),
-        Column("ADDRESS", drop=2),
-        Column("STATE"),
-        Column("VERSION", drop=1),
-        Column("UP", right=True),
-        Column("CONFIG"),
-        Column("ARMED"),
-        Column("SYNC"),
+    details: list[Detail[ListedHost]] = [
+        Detail("HOST", value=lambda one: one.host),
+        Detail("ADDRESS", value=lambda one: one.address, drop=2),
+        Detail("STATE", value=lambda one: state_text(one.status)),
+        Detail("VERSION", value=lambda one: one.status.version if one.status else None, drop=1),
+        Detail("UP", value=lambda one: _up(one.status), right=True),
+        Detail("CONFIG", value=lambda one: one.config if one.status else None),
+        Detail("ARMED", value=lambda one: one.status.armed if one.status else None),
+        Detail("SYNC", value=lambda one: one.synchronised),
     ]
-    failed = any(one.error for one in listed)
-    rows: list[tuple[Cell, ...]] = []
-    for one in listed:
-        seen = one.status
-        cells: tuple[Cell, ...] = (
-            one.host,
-            one.address,
-            state_text(seen),
-            seen.version if seen is not None else None,
-            spoken(seen.uptime_s) if seen is not None and seen.uptime_s is not None else None,
-            one.config if seen is not None else None,
-            seen.armed if seen is not None else None,
-            one.synchronised,
-        )
-        rows.append((*cells, one.error) if failed else cells)
-    out.table([*columns, Column("ERROR")] if failed else columns, rows)
+    if any(one.error for one in listed):
+        details.append(Detail("ERROR", value=lambda one: one.error))
+    out.table(details, rows_of(details, listed))
+
+
+def _up(seen: HostStatus | None) -> str | None:
+    return None if seen is None or seen.uptime_s is None else spoken(seen.uptime_s)
 
 
 def state_text(seen: HostStatus | None) -> str:

@@ -7,9 +7,17 @@ from swarmctl.resources.fanout import warn_errors
 from swarmctl.resources.platform_health import platform_health
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import spoken
-from swarmctl.terminal.table import Cell, Column
+from swarmctl.terminal.table import Cell, Column, Detail, rows_of
 from swarmware.errors import NotFound, Partial
-from swarmware.types.health import FaultClear, FaultList, FaultQuery, HealthReport, HealthState
+from swarmware.types.health import (
+    CheckState,
+    Fault,
+    FaultClear,
+    FaultList,
+    FaultQuery,
+    HealthReport,
+    HealthState,
+)
 from swarmware.types.rpc import Empty
 
 
@@ -81,28 +89,23 @@ async def show_checks(session: Session) -> None:
     if session.settings.structured:
         session.out.document(report)
         return
-    rows = [
-        (
-            check.check,
-            check.app,
-            check.state,
-            check.level,
-            f"{check.frequency_hz:g}",
-            # a check that never changed has no instant: the state holds since the monitor started
-            spoken((report.stamp_ns - check.since_ns) / 1e9) if check.since_ns else "start",
-        )
-        for check in report.checks
-    ]
-    columns = [
-        Column("CHECK"),
-        Column("BY"),
-        Column("STATE"),
-        Column("LEVEL"),
-        Column("HZ", right=True),
-        Column("SINCE", right=True),
+    details: list[Detail[CheckState]] = [
+        Detail("CHECK", value=lambda check: check.check),
+        Detail("BY", value=lambda check: check.app),
+        Detail("STATE", value=lambda check: check.state),
+        Detail("LEVEL", value=lambda check: check.level),
+        Detail("HZ", value=lambda check: f"{check.frequency_hz:g}", right=True),
+        # a check that never changed has no instant: the state holds since the monitor started
+        Detail(
+            "SINCE",
+            value=lambda check: (
+                spoken((report.stamp_ns - check.since_ns) / 1e9) if check.since_ns else "start"
+            ),
+            right=True,
+        ),
     ]
     title = f"{report.platform}: {report.state.level}"
-    session.out.table(columns, rows, title, empty=f"{title}, no checks")
+    session.out.table(details, rows_of(details, report.checks), title, empty=f"{title}, no checks")
 
 
 async def list_faults(session: Session, cleared: bool) -> None:
@@ -111,31 +114,18 @@ async def list_faults(session: Session, cleared: bool) -> None:
     if session.settings.structured:
         session.out.document(found)
         return
-    rows = [
-        (
-            fault.check,
-            fault.state,
-            fault.level,
-            str(fault.phase),
-            fault.count,
-            spoken((found.stamp_ns - fault.first_ns) / 1e9),
-            spoken((found.stamp_ns - fault.last_ns) / 1e9),
-            fault.what,
-        )
-        for fault in found.faults
-    ]
-    columns = [
-        Column("CHECK"),
-        Column("STATE"),
-        Column("LEVEL"),
-        Column("PHASE"),
-        Column("COUNT", right=True),
-        Column("FIRST AGO", right=True),
-        Column("LAST AGO", right=True),
-        Column("WHAT"),
+    details: list[Detail[Fault]] = [
+        Detail("CHECK", value=lambda fault: fault.check),
+        Detail("STATE", value=lambda fault: fault.state),
+        Detail("LEVEL", value=lambda fault: fault.level),
+        Detail("PHASE", value=lambda fault: str(fault.phase)),
+        Detail("COUNT", value=lambda fault: fault.count, right=True),
+        Detail("FIRST AGO", value=lambda fault: spoken((found.stamp_ns - fault.first_ns) / 1e9), right=True),
+        Detail("LAST AGO", value=lambda fault: spoken((found.stamp_ns - fault.last_ns) / 1e9), right=True),
+        Detail("WHAT", value=lambda fault: fault.what),
     ]
     hint = "" if cleared else "; --cleared shows cleared ones"
-    session.out.table(columns, rows, empty=f"{found.platform}: no faults{hint}")
+    session.out.table(details, rows_of(details, found.faults), empty=f"{found.platform}: no faults{hint}")
 
 
 async def clear_faults(session: Session, pattern: str, *, yes: bool) -> None:

@@ -11,7 +11,7 @@ from swarmctl.membership.distribution import reached_rosters
 from swarmctl.membership.node_keys import NodeKeys
 from swarmctl.membership.root_folder import RootFolder
 from swarmctl.terminal.output import Output
-from swarmctl.terminal.table import Column
+from swarmctl.terminal.table import Column, Detail, rows_of
 from swarmware.errors import NotFound
 from swarmware.model.clock import utc_ns
 from swarmware.transport.enrolment.token import fingerprint
@@ -62,29 +62,22 @@ def list_members(out: Output, root_dir: Path | None) -> None:
     if out.settings.structured:
         out.document(found)
         return
-    columns = [
-        Column("PLATFORM"),
-        Column("ROLE"),
-        Column("SERIAL", right=True),
-        Column("STATE"),
-        *((Column("ROSTER", right=True), Column("SYNC")) if asked else ()),
-        Column("KEY", wide=True),
+    details: list[Detail[ListedMember]] = [
+        Detail("PLATFORM", value=lambda one: one.platform),
+        Detail("ROLE", value=lambda one: one.role),
+        Detail("SERIAL", value=lambda one: one.serial, right=True),
+        Detail("STATE", value=_state),
+        Detail("KEY", value=lambda one: one.sign_public, wide=True),
     ]
-    rows = [
-        (
-            one.platform,
-            one.role,
-            one.serial,
-            _state(one),
-            *((one.roster, _synchronous(one, found.version)) if asked else ()),
-            one.sign_public,
-        )
-        for one in found.members
-    ]
+    if asked:
+        details[-1:-1] = [
+            Detail("ROSTER", value=lambda one: one.roster, right=True),
+            Detail("SYNC", value=lambda one: _synchronous(one, found.version)),
+        ]
     title = (
         f"swarm {found.swarm}, root {found.fingerprint}, roster {found.version}, group key {found.key_epoch}"
     )
-    out.table(columns, rows, title)
+    out.table(details, rows_of(details, found.members), title)
 
 
 def show_member(out: Output, root_dir: Path | None, platform: str) -> None:

@@ -2,7 +2,7 @@
 
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import utc_text
-from swarmctl.terminal.table import Column
+from swarmctl.terminal.table import Detail, rows_of
 from swarmware.types.outage import LinkOutage, OutageTable
 from swarmware.types.rpc import Empty
 
@@ -15,33 +15,19 @@ async def list_outages(session: Session, count: int | None) -> None:
     if session.settings.structured:
         session.out.document(found)
         return
-    columns = [
-        Column("NEIGHBOUR"),
-        Column("SINCE"),
-        Column("CAUSE", drop=2),
-        Column("STATE"),
-        Column("DETECTED AFTER s", right=True),
-        Column("DOWN FOR s", right=True),
-        Column("RECOVERED IN s", right=True),
-        Column("DRAINED IN s", right=True),
-        Column("BACKLOG", right=True, drop=1),
+    details: list[Detail[LinkOutage]] = [
+        Detail("NEIGHBOUR", value=lambda one: one.name),
+        Detail("SINCE", value=lambda one: utc_text(one.began_utc_ns)),
+        Detail("CAUSE", value=lambda one: one.cause, drop=2),
+        Detail("STATE", value=lambda one: one.phase),
+        Detail("DETECTED AFTER s", value=lambda one: _seconds(one.detected_after_s), right=True),
+        Detail("DOWN FOR s", value=lambda one: _seconds(one.down_for_s), right=True),
+        Detail("RECOVERED IN s", value=lambda one: _seconds(one.recovered_in_s), right=True),
+        Detail("DRAINED IN s", value=lambda one: _seconds(one.drained_in_s), right=True),
+        Detail("BACKLOG", value=lambda one: one.backlog_frames, right=True, drop=1),
     ]
     empty = f"{session.platform}: no link was lost since it was up"
-    session.out.table(columns, [_row(one) for one in found.outages], empty=empty)
-
-
-def _row(one: LinkOutage) -> tuple[str | int | None, ...]:
-    return (
-        one.name,
-        utc_text(one.began_utc_ns),
-        one.cause,
-        one.phase,
-        _seconds(one.detected_after_s),
-        _seconds(one.down_for_s),
-        _seconds(one.recovered_in_s),
-        _seconds(one.drained_in_s),
-        one.backlog_frames,
-    )
+    session.out.table(details, rows_of(details, found.outages), empty=empty)
 
 
 def _seconds(span_s: float | None) -> str | None:

@@ -11,7 +11,7 @@ from swarmctl.resources.last_words import last_words
 from swarmctl.resources.platform_health import platform_health
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import spoken
-from swarmctl.terminal.table import Cell, Column
+from swarmctl.terminal.table import Cell, Detail, rows_of
 from swarmware.errors import Partial, SwarmError
 from swarmware.model import names
 from swarmware.types.control import ControlState
@@ -115,42 +115,39 @@ def _ways(routes: tuple[RouteState, ...]) -> tuple[dict[str, RouteState], dict[s
     return ways, units
 
 
-def table(session: Session, nodes: list[NodeOverview]) -> tuple[list[Column], list[tuple[Cell, ...]]]:
+def table(
+    session: Session, nodes: list[NodeOverview]
+) -> tuple[list[Detail[NodeOverview]], list[tuple[Cell, ...]]]:
     """Columns and rows of the table."""
-    rows: list[tuple[Cell, ...]] = [
-        (
-            one.platform,
-            _presence(one),
-            spoken(one.info.uptime_s) if one.info else None,
-            one.health.level if one.health else None,
-            str(one.sync) if one.sync else None,
-            one.mode,
-            one.armed,
-            None if one.height_m is None else f"{round(one.height_m, 1) + 0.0:.1f}",
-            None if one.battery_ratio is None else f"{one.battery_ratio:.0%}",
-            _mission_text(one.mission) if one.mission else None,
-            one.route.via if one.route and one.route.hops > 1 else None,
-            one.route.hops if one.route else 0 if one.platform == session.here else None,
-            " ".join(one.units) or None,
-        )
-        for one in nodes
+    details: list[Detail[NodeOverview]] = [
+        Detail("NODE", value=lambda one: one.platform),
+        Detail("STATE", value=_presence),
+        Detail("UP", value=lambda one: spoken(one.info.uptime_s) if one.info else None, right=True),
+        Detail("HEALTH", value=lambda one: one.health.level if one.health else None),
+        Detail("SYNC", value=lambda one: str(one.sync) if one.sync else None, drop=1),
+        Detail("MODE", value=lambda one: one.mode),
+        Detail("ARMED", value=lambda one: one.armed),
+        Detail(
+            "HEIGHT m",
+            value=lambda one: None if one.height_m is None else f"{round(one.height_m, 1) + 0.0:.1f}",
+            right=True,
+        ),
+        Detail(
+            "BATTERY",
+            value=lambda one: None if one.battery_ratio is None else f"{one.battery_ratio:.0%}",
+            right=True,
+        ),
+        Detail("MISSION", value=lambda one: _mission_text(one.mission) if one.mission else None),
+        Detail("VIA", value=lambda one: one.route.via if one.route and one.route.hops > 1 else None, drop=2),
+        Detail(
+            "HOPS",
+            value=lambda one: one.route.hops if one.route else 0 if one.platform == session.here else None,
+            right=True,
+            drop=3,
+        ),
+        Detail("UNITS", value=lambda one: " ".join(one.units) or None, wide=True),
     ]
-    columns = [
-        Column("NODE"),
-        Column("STATE"),
-        Column("UP", right=True),
-        Column("HEALTH"),
-        Column("SYNC", drop=1),
-        Column("MODE"),
-        Column("ARMED"),
-        Column("HEIGHT m", right=True),
-        Column("BATTERY", right=True),
-        Column("MISSION"),
-        Column("VIA", drop=2),
-        Column("HOPS", right=True, drop=3),
-        Column("UNITS", wide=True),
-    ]
-    return columns, rows
+    return details, rows_of(details, nodes)
 
 
 def _mission_text(state: MissionState) -> str:

@@ -7,7 +7,7 @@ import msgspec
 
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import spoken
-from swarmctl.terminal.table import Cell, Column
+from swarmctl.terminal.table import Detail, rows_of
 from swarmware.errors import Partial, SwarmError
 from swarmware.model import names
 from swarmware.model.names import MAIN, Address
@@ -57,26 +57,19 @@ async def list_units(session: Session) -> None:
     if session.settings.structured:
         session.out.document(UnitList(units))
     else:
-        rows: list[tuple[Cell, ...]] = [
-            (
-                f"{one.platform}.{one.unit}",
-                "answers" if one.answers else "silent",
-                spoken(one.info.uptime_s) if one.info else None,
-                one.health.state.level if one.health else None,
-                one.route.via if one.route and one.route.hops > 1 else None,
-                " ".join(one.info.services) if one.info else None,
-            )
-            for one in units
+        details: list[Detail[UnitOverview]] = [
+            Detail("COMPUTER", value=lambda one: f"{one.platform}.{one.unit}"),
+            Detail("STATE", value=lambda one: "answers" if one.answers else "silent"),
+            Detail("UP", value=lambda one: spoken(one.info.uptime_s) if one.info else None, right=True),
+            Detail("HEALTH", value=lambda one: one.health.state.level if one.health else None),
+            Detail(
+                "VIA", value=lambda one: one.route.via if one.route and one.route.hops > 1 else None, drop=1
+            ),
+            Detail(
+                "SERVICES", value=lambda one: " ".join(one.info.services) if one.info else None, wraps=True
+            ),
         ]
-        columns = [
-            Column("COMPUTER"),
-            Column("STATE"),
-            Column("UP", right=True),
-            Column("HEALTH"),
-            Column("VIA", drop=1),
-            Column("SERVICES", wraps=True),
-        ]
-        session.out.table(columns, rows)
+        session.out.table(details, rows_of(details, units))
     if silent := [f"{one.platform}.{one.unit}" for one in units if not one.answers]:
         raise Partial(f"computers: {', '.join(silent)} did not answer")
 

@@ -1,9 +1,9 @@
 """Conversion functions from the clock of one platform to the clocks of the others."""
 
 from swarmctl.session.session import Session
-from swarmctl.terminal.table import Column
+from swarmctl.terminal.table import Detail, rows_of
 from swarmware.types.rpc import Empty
-from swarmware.types.time import TimeFunctions
+from swarmware.types.time import Conversion, TimeFunctions
 
 
 async def list_conversions(session: Session) -> None:
@@ -12,32 +12,22 @@ async def list_conversions(session: Session) -> None:
     if session.settings.structured:
         session.out.document(found)
         return
-    rows = [
-        (
-            f"{one.platform}.{one.unit}",
-            f"{one.offset_ns / 1e9:+.6f}",
-            f"{one.skew * 1e6:+.3f}",
-            f"{one.bound_ns / 1e3:.0f}",
-            f"{one.sigma_ns / 1e3:.1f}",
-            f"{(found.stamp_ns - one.t0_ns) / 1e9:.1f}",
-            one.hops,
-            one.via,
-            one.samples,
-            one.suspect,
-        )
-        for one in found.functions
-    ]
-    columns = [
-        Column("CLOCK"),
-        Column("OFFSET s", right=True),
-        Column("SKEW ppm", right=True),
-        Column("BOUND us", right=True),
-        Column("SIGMA us", right=True, drop=2),
-        Column("AGE s", right=True, drop=1),
-        Column("HOPS", right=True, drop=3),
-        Column("VIA", drop=4),
-        Column("SAMPLES", right=True, drop=5),
-        Column("SUSPECT"),
+    details: list[Detail[Conversion]] = [
+        Detail("CLOCK", value=lambda one: f"{one.platform}.{one.unit}"),
+        Detail("OFFSET s", value=lambda one: f"{one.offset_ns / 1e9:+.6f}", right=True),
+        Detail("SKEW ppm", value=lambda one: f"{one.skew * 1e6:+.3f}", right=True),
+        Detail("BOUND us", value=lambda one: f"{one.bound_ns / 1e3:.0f}", right=True),
+        Detail("SIGMA us", value=lambda one: f"{one.sigma_ns / 1e3:.1f}", right=True, drop=2),
+        Detail("AGE s", value=lambda one: f"{(found.stamp_ns - one.t0_ns) / 1e9:.1f}", right=True, drop=1),
+        Detail("HOPS", value=lambda one: one.hops, right=True, drop=3),
+        Detail("VIA", value=lambda one: one.via, drop=4),
+        Detail("SAMPLES", value=lambda one: one.samples, right=True, drop=5),
+        Detail("SUSPECT", value=lambda one: one.suspect),
     ]
     empty = f"{session.platform}: the clock of no other node is known"
-    session.out.table(columns, rows, "OFFSET: that clock minus the clock of the node", empty=empty)
+    session.out.table(
+        details,
+        rows_of(details, found.functions),
+        "OFFSET: that clock minus the clock of the node",
+        empty=empty,
+    )

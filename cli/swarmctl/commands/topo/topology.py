@@ -11,7 +11,7 @@ from swarmctl.resources.fanout import ask_all, warn_errors
 from swarmctl.resources.live_view import LiveView
 from swarmctl.resources.newest import newest
 from swarmctl.session.session import Session
-from swarmctl.terminal.table import Column
+from swarmctl.terminal.table import Detail, rows_of
 from swarmware.errors import Partial, SwarmError
 from swarmware.model import names
 from swarmware.model.names import Address
@@ -63,27 +63,16 @@ async def show_topology(session: Session, *, dot: bool, png: str) -> None:
     elif session.settings.structured:
         session.out.document(SwarmTopology(asked, found, sorted(errors)))
     else:
-        rows = [
-            (
-                e.a,
-                e.b,
-                f"{e.loss_ab_ratio * 100:.0f} %",
-                f"{e.loss_ba_ratio * 100:.0f} %",
-                e.rtt_ms,
-                e.both,
-            )
-            for e in found
-        ]
-        columns = [
-            Column("NODE"),
-            Column("NODE"),
-            Column("LOSS →", right=True),
-            Column("LOSS ←", right=True),
-            Column("RTT ms", right=True),
-            Column("BOTH WAYS"),
+        details: list[Detail[TopologyEdge]] = [
+            Detail("NODE", value=lambda edge: edge.a),
+            Detail("NODE", value=lambda edge: edge.b),
+            Detail("LOSS →", value=lambda edge: f"{edge.loss_ab_ratio * 100:.0f} %", right=True),
+            Detail("LOSS ←", value=lambda edge: f"{edge.loss_ba_ratio * 100:.0f} %", right=True),
+            Detail("RTT ms", value=lambda edge: edge.rtt_ms, right=True),
+            Detail("BOTH WAYS", value=lambda edge: edge.both),
         ]
         empty = f"no links among {len(asked)} nodes: {', '.join(asked)}"
-        session.out.table(columns, rows, empty=empty)
+        session.out.table(details, rows_of(details, found), empty=empty)
     warn_errors(session, errors)
     if errors:
         raise Partial(f"topology: {len(errors)} of {len(asked)} platforms did not answer")

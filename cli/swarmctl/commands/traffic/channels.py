@@ -8,7 +8,7 @@ from swarmctl.resources.limits import MISSION_STATE
 from swarmctl.resources.newest import owned
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import rate_hz, size_bytes, span_s, spoken
-from swarmctl.terminal.table import Cell, Column
+from swarmctl.terminal.table import Detail, rows_of
 from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.model import names
 from swarmware.model.compression import Compression
@@ -29,6 +29,7 @@ from swarmware.types.channel import (
     ChannelState,
     ChannelStates,
     ClearChannels,
+    CompressionState,
     ListChannels,
     SetChannel,
     UndoChannel,
@@ -155,54 +156,41 @@ async def list_channels(session: Session, pattern: str = "**") -> None:
         return
     _show_rules(session, limits)
     session.out.text("")
-    columns = [
-        Column("CHANNEL"),
-        Column("LINK"),
-        Column("RATE", right=True),
-        Column("SET BY"),
-        Column("SET AT"),
-        Column("SETTINGS", drop=3),
-        Column("REASON", drop=2),
-        Column("WAITING", right=True),
-        Column("BYTES", right=True, drop=1),
-        Column("DROPPED", right=True),
-        Column("HELD BACK", right=True),
+    channels: list[Detail[ChannelState]] = [
+        Detail("CHANNEL", value=lambda one: one.path),
+        Detail("LINK", value=lambda one: one.link),
+        Detail("RATE", value=_rate_text, right=True),
+        Detail("SET BY", value=lambda one: str(one.rate.source)),
+        Detail("SET AT", value=lambda one: _place(one.rate)),
+        Detail("SETTINGS", value=lambda one: str(one.settings), drop=3),
+        Detail("REASON", value=lambda one: one.reason, drop=2),
+        Detail("WAITING", value=lambda one: _counter(one, one.waiting), right=True),
+        Detail("BYTES", value=lambda one: _counter(one, one.waiting_bytes), right=True, drop=1),
+        Detail("DROPPED", value=lambda one: _counter(one, one.dropped), right=True),
+        Detail("HELD BACK", value=lambda one: _counter(one, one.held_back), right=True),
     ]
-    rows: list[tuple[Cell, ...]] = [
-        (
-            one.path,
-            one.link,
-            _rate_text(one),
-            str(one.rate.source),
-            _place(one.rate),
-            str(one.settings),
-            one.reason,
-            *_counters(one),
-        )
-        for one in states.channels
-    ]
-    session.out.table(columns, rows, empty=f"{target}: no other platform subscribes to a matching resource")
+    session.out.table(
+        channels,
+        rows_of(channels, states.channels),
+        empty=f"{target}: no other platform subscribes to a matching resource",
+    )
     if not states.compressions:
         return
     session.out.text("")
-    columns = [
-        Column("COMPRESSED"),
-        Column("BYTES", right=True),
-        Column("SENT AS", right=True),
-        Column("SAVED %", right=True),
-        Column("CPU s", right=True),
+    details: list[Detail[CompressionState]] = [
+        Detail("COMPRESSED", value=lambda one: one.path),
+        Detail("BYTES", value=lambda one: one.plain_bytes, right=True),
+        Detail("SENT AS", value=lambda one: one.coded_bytes, right=True),
+        Detail(
+            "SAVED %",
+            value=lambda one: (
+                f"{100 * (1 - one.coded_bytes / one.plain_bytes):.1f}" if one.plain_bytes else ""
+            ),
+            right=True,
+        ),
+        Detail("CPU s", value=lambda one: f"{one.spent_s:.2f}", right=True),
     ]
-    compressed = [
-        (
-            one.path,
-            one.plain_bytes,
-            one.coded_bytes,
-            f"{100 * (1 - one.coded_bytes / one.plain_bytes):.1f}" if one.plain_bytes else "",
-            f"{one.spent_s:.2f}",
-        )
-        for one in states.compressions
-    ]
-    session.out.table(columns, compressed)
+    session.out.table(details, rows_of(details, states.compressions))
     for one in states.compressions:
         if one.refused:
             session.out.warn(f"{one.path}: sent without its compression: {one.refused}")
@@ -214,11 +202,9 @@ def _rate_text(state: ChannelState) -> str:
     return "" if found_hz is None else f"{found_hz:.3g} Hz"
 
 
-def _counters(state: ChannelState) -> tuple[Cell, ...]:
-    """Counts of waiting, dropped and held-back values; for channels in beacons only the broker has them."""
-    if state.link == BEACON_LINK:
-        return (None,) * 4
-    return state.waiting, state.waiting_bytes, state.dropped, state.held_back
+def _counter(state: ChannelState, count: int) -> int | None:
+    """A count of values, or None for channels in beacons, of which only the broker has them."""
+    return None if state.link == BEACON_LINK else count
 
 
 def _place(rate: ChannelRate) -> str:
@@ -251,31 +237,20 @@ def _show_rules(session: Session, limits: ChannelLimits) -> None:
     if session.settings.structured:
         session.out.document(limits)
         return
-    columns = [
-        Column("PATTERN"),
-        Column("LINK"),
-        Column("RATE", right=True),
-        Column("PROTOCOL"),
-        Column("COMPRESSION"),
-        Column("BUFFER"),
-        Column("PRIORITY"),
-        Column("LEFT", right=True),
-        Column("BY", drop=1),
+    details: list[Detail[ChannelLimit]] = [
+        Detail("PATTERN", value=lambda rule: rule.pattern),
+        Detail("LINK", value=lambda rule: rule.link or "all"),
+        Detail("RATE", value=lambda rule: rule.settings.rate.replace("hz", " Hz"), right=True),
+        Detail("PROTOCOL", value=lambda rule: rule.settings.protocol),
+        Detail("COMPRESSION", value=lambda rule: rule.settings.compression),
+        Detail("BUFFER", value=lambda rule: rule.settings.buffer),
+        Detail("PRIORITY", value=lambda rule: rule.settings.priority),
+        Detail(
+            "LEFT",
+            value=lambda rule: None if rule.remaining_s is None else spoken(rule.remaining_s),
+            right=True,
+        ),
+        Detail("BY", value=lambda rule: "file" if rule.from_file else "operator", drop=1),
     ]
     empty = f"{session.platform}: no rule is set for channels"
-    session.out.table(columns, [_row(one) for one in limits.limits], empty=empty)
-
-
-def _row(rule: ChannelLimit) -> tuple[str | None, ...]:
-    settings = rule.settings
-    return (
-        rule.pattern,
-        rule.link or "all",
-        settings.rate.replace("hz", " Hz"),
-        settings.protocol or "",
-        settings.compression or "",
-        settings.buffer,
-        settings.priority or "",
-        None if rule.remaining_s is None else spoken(rule.remaining_s),
-        "file" if rule.from_file else "operator",
-    )
+    session.out.table(details, rows_of(details, limits.limits), empty=empty)

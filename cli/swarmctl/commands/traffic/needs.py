@@ -8,7 +8,7 @@ import msgspec
 from swarmctl.resources.listing import pages
 from swarmctl.resources.newest import owned
 from swarmctl.session.session import Session
-from swarmctl.terminal.table import Column
+from swarmctl.terminal.table import Detail, rows_of
 from swarmware.errors import NotFound
 from swarmware.model import names
 from swarmware.model.compression import Method
@@ -173,28 +173,21 @@ def _measured(traffic: Traffic, link: str) -> tuple[float, float] | None:
 
 
 def _show(session: Session, found: LinkNeeds) -> None:
-    columns = [
-        Column("RESOURCE"),
-        Column("KIND", drop=1),
-        Column("WRITTEN /s", right=True),
-        Column("BYTES", right=True),
-        Column("WRITTEN B/s", right=True),
-        Column("SENT B/s", right=True),
-        Column("% OF LINK", right=True),
-        Column("FITS AT Hz", right=True),
-    ]
-    rows = [
-        (
-            one.path,
-            str(one.kind),
-            f"{one.written_hz:.1f}",
-            f"{one.value_bytes:.0f}",
-            f"{one.written_bytes_s:.0f}",
-            f"{one.sent_bytes_s:.0f}",
-            f"{100 * one.sent_bytes_s / found.capacity_bytes_s:.1f}",
-            "" if one.fair_hz is None else f"{one.fair_hz:.1f}",
-        )
-        for one in found.channels
+    details: list[Detail[ChannelNeed]] = [
+        Detail("RESOURCE", value=lambda one: one.path),
+        Detail("KIND", value=lambda one: str(one.kind), drop=1),
+        Detail("WRITTEN /s", value=lambda one: f"{one.written_hz:.1f}", right=True),
+        Detail("BYTES", value=lambda one: f"{one.value_bytes:.0f}", right=True),
+        Detail("WRITTEN B/s", value=lambda one: f"{one.written_bytes_s:.0f}", right=True),
+        Detail("SENT B/s", value=lambda one: f"{one.sent_bytes_s:.0f}", right=True),
+        Detail(
+            "% OF LINK",
+            value=lambda one: f"{100 * one.sent_bytes_s / found.capacity_bytes_s:.1f}",
+            right=True,
+        ),
+        Detail(
+            "FITS AT Hz", value=lambda one: "" if one.fair_hz is None else f"{one.fair_hz:.1f}", right=True
+        ),
     ]
     verdict = _verdict(found, found.capacity_bytes_s)
     if found.measured_bytes_s is not None and found.measured_s is not None:
@@ -209,7 +202,7 @@ def _show(session: Session, found: LinkNeeds) -> None:
         f" {found.sent_bytes_s / 1000:.1f} kB/s sent to each receiver; a link of"
         f" {found.capacity_bytes_s / 1000:.1f} kB/s: {verdict}"
     )
-    session.out.table(columns, rows, title)
+    session.out.table(details, rows_of(details, found.channels), title)
     for one in found.channels:
         if one.fair_hz is not None:
             to = f" --link {found.link}" if found.link else ""

@@ -4,8 +4,8 @@ from swarmctl.commands.tree.drawing import rule_text, tree
 from swarmctl.resources.listing import at_owners, listing
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import spoken
-from swarmctl.terminal.table import Column
-from swarmware.types.tree import Quality
+from swarmctl.terminal.table import Detail, rows_of
+from swarmware.types.tree import Quality, TreeEntry
 
 
 async def list_resources(session: Session, pattern: str) -> None:
@@ -14,36 +14,33 @@ async def list_resources(session: Session, pattern: str) -> None:
     if session.settings.structured:
         session.out.document(found)
         return
-    rows = [
-        (
-            e.path,
-            e.kind,
-            e.type,
-            e.unit,
-            e.access,
-            None if e.measured_hz is None else f"{e.measured_hz:.3g}",
-            f"{e.rate_hz:g}" if e.rate_hz else None,
-            None if e.age_s is None else spoken(max(e.age_s, 0.0)),
-            None if e.quality is Quality.NONE else e.quality,
-            rule_text(e.rule),
-            e.owner,
-        )
-        for e in found.entries
+    details: list[Detail[TreeEntry]] = [
+        Detail("PATH", value=lambda entry: entry.path),
+        Detail("KIND", value=lambda entry: entry.kind, drop=1),
+        Detail("TYPE", value=lambda entry: entry.type),
+        Detail("UNIT", value=lambda entry: entry.unit, wide=True),
+        Detail("ACCESS", value=lambda entry: entry.access, wide=True),
+        Detail(
+            "HZ",
+            value=lambda entry: None if entry.measured_hz is None else f"{entry.measured_hz:.3g}",
+            right=True,
+        ),
+        Detail(
+            "DECLARED HZ",
+            value=lambda entry: f"{entry.rate_hz:g}" if entry.rate_hz else None,
+            right=True,
+            wide=True,
+        ),
+        Detail(
+            "AGE",
+            value=lambda entry: None if entry.age_s is None else spoken(max(entry.age_s, 0.0)),
+            right=True,
+        ),
+        Detail("QUALITY", value=lambda entry: None if entry.quality is Quality.NONE else entry.quality),
+        Detail("RULE", value=lambda entry: rule_text(entry.rule), wide=True),
+        Detail("OWNER", value=lambda entry: entry.owner, wide=True),
     ]
-    columns = [
-        Column("PATH"),
-        Column("KIND", drop=1),
-        Column("TYPE"),
-        Column("UNIT", wide=True),
-        Column("ACCESS", wide=True),
-        Column("HZ", right=True),
-        Column("DECLARED HZ", right=True, wide=True),
-        Column("AGE", right=True),
-        Column("QUALITY"),
-        Column("RULE", wide=True),
-        Column("OWNER", wide=True),
-    ]
-    session.out.table(columns, rows)
+    session.out.table(details, rows_of(details, found.entries))
 
 
 async def draw_resources(session: Session, pattern: str) -> None:

@@ -6,7 +6,7 @@ from typing import Final
 
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import bit_s
-from swarmctl.terminal.table import Column
+from swarmctl.terminal.table import Cell, Detail, rows_of
 from swarmware.errors import InvalidInput, OutOfRange
 from swarmware.types.rpc import Empty
 from swarmware.types.video import (
@@ -21,19 +21,6 @@ from swarmware.types.video import (
 
 _TIMEOUT_S: Final = 10.0
 """The file or camera is opened, and the receiver asked."""
-_COLUMNS: Final = (
-    Column("SESSION"),
-    Column("SOURCE"),
-    Column("WAY"),
-    Column("TARGET kbit/s", right=True),
-    Column("LIMIT kbit/s", right=True),
-    Column("PICTURES", right=True),
-    Column("SKIPPED", right=True, drop=3),
-    Column("PACKETS", right=True),
-    Column("LOST", right=True),
-    Column("QUEUE ms", right=True),
-    Column("LAST CHANGE", drop=2),
-)
 
 
 def bitrate_bit_s(text: str) -> int:
@@ -93,27 +80,35 @@ def _show(session: Session, found: VideoSessions) -> None:
     if session.settings.structured:
         session.out.document(found)
         return
-    session.out.table(_COLUMNS, [_row(one) for one in found.sessions], empty=f"{session.platform}: no video")
+    session.out.table(_DETAILS, rows_of(_DETAILS, found.sessions), empty=f"{session.platform}: no video")
     if found.refused:
         session.out.text(f"refused: {found.refused} packets of no session")
 
 
-def _row(one: VideoSession) -> tuple[str | int, ...]:
-    is_sent = one.direction == VideoDirection.SENT
-    last = one.changes[-1].reason if one.changes else ""
-    return (
-        str(one.session),
-        one.source,
-        f"to {one.other}" if is_sent else f"from {one.other}",
-        round(one.bit_s / 1000) if is_sent else "",
-        ("pinned" if one.pinned else round(one.max_bit_s / 1000)) if is_sent else "",
-        one.pictures,
-        one.skipped + one.dropped,
-        one.packets,
-        one.lost,
-        f"{(one.queueing_s + one.waiting_s) * 1e3:.0f}" if is_sent else "",
-        last,
-    )
+def _sent(one: VideoSession, cell: Cell) -> Cell:
+    """The cell of a session that this platform sends, empty for one that it receives."""
+    return cell if one.direction == VideoDirection.SENT else ""
+
+
+_DETAILS: Final[list[Detail[VideoSession]]] = [
+    Detail("SESSION", value=lambda one: str(one.session)),
+    Detail("SOURCE", value=lambda one: one.source),
+    Detail("WAY", value=lambda one: _sent(one, f"to {one.other}") or f"from {one.other}"),
+    Detail("TARGET kbit/s", value=lambda one: _sent(one, round(one.bit_s / 1000)), right=True),
+    Detail(
+        "LIMIT kbit/s",
+        value=lambda one: _sent(one, "pinned" if one.pinned else round(one.max_bit_s / 1000)),
+        right=True,
+    ),
+    Detail("PICTURES", value=lambda one: one.pictures, right=True),
+    Detail("SKIPPED", value=lambda one: one.skipped + one.dropped, right=True, drop=3),
+    Detail("PACKETS", value=lambda one: one.packets, right=True),
+    Detail("LOST", value=lambda one: one.lost, right=True),
+    Detail(
+        "QUEUE ms", value=lambda one: _sent(one, f"{(one.queueing_s + one.waiting_s) * 1e3:.0f}"), right=True
+    ),
+    Detail("LAST CHANGE", value=lambda one: one.changes[-1].reason if one.changes else "", drop=2),
+]
 
 
 async def set_rate(session: Session, number: int, max_bit_s: int, pinned: bool) -> None:
