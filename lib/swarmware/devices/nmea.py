@@ -62,6 +62,7 @@ class SentenceReader:
 
     def read(self, fields: list[str]) -> Position | None:
         """The position in a sentence, or None if its type has none. Raises: WireError."""
+        # sentences of manufacturers begin with P and have other fields
         if fields[0].startswith("P") or fields[0][2:] not in _FIELDS:
             return None
         kind = SentenceType(fields[0][2:])
@@ -85,10 +86,12 @@ class SentenceReader:
         return None
 
     def _gga(self, fields: list[str]) -> Position:
+        # returned without a fix: the receiver works, and says why it has none
         if fields[6] in _NO_FIX:
             return Position(SentenceType.GGA, 0.0, None, f"GGA: no fix (quality {fields[6] or 'empty'})")
         quality = int(number(fields[6], "quality"))
         height_m = self._height_m(fields[9], fields[11])
+        # units are checked only where the number is used
         if math.isfinite(height_m):
             _expect_metres(fields[10], "height")
             if fields[11]:
@@ -118,6 +121,7 @@ class SentenceReader:
         self, kind: str, time: str, place: list[str], status: str, modes: list[str]
     ) -> Position:
         """A position of RMC or GLL; the mode is missing before version 2.3 of the standard."""
+        # sentences of older receivers have no mode; their status alone decides
         mode = "".join(modes) or "A"
         quality = _quality(mode)
         if status != _ACTIVE or quality == 0:
@@ -132,6 +136,7 @@ class SentenceReader:
         return number(height, "height", 1e5) + (number(geoid, "geoid", 1e3) if geoid else 0.0)
 
     def _accuracy_m(self, time_s: float, quality: int, dilution: str) -> float:
+        # a measured error is better than an estimate from the dilution
         if self._accuracy is not None and between_s(self._accuracy[1], time_s) <= _ACCURACY_S:
             return self._accuracy[0]
         stated = number(dilution, "dilution") if dilution else 0.0
@@ -143,6 +148,7 @@ class SentenceReader:
         if not (fields[6] and fields[7]):
             return
         sigma_m = math.hypot(number(fields[6], "latitude error"), number(fields[7], "longitude error"))
+        # some receivers fill the fields with zeros before they have errors
         if sigma_m == 0.0:
             self._accuracy = None
             raise WireError("GST: errors of zero; the dilution is used instead")
@@ -156,6 +162,7 @@ def _quality(modes: str) -> int:
 
 def _satellites(kind: str, text: str) -> int:
     found = int(number(text, "satellites", 999))
+    # a fix without satellites is a simulation or a fault
     if found <= 0:
         raise WireError(f"{kind}: a fix without satellites")
     return found
@@ -179,6 +186,7 @@ def fields_of(line: bytes) -> list[str]:
     body, star, stated = line.partition(b"*")
     if body[:1] != b"$" or not star:
         raise WireError("no sentence: expected $…*checksum")
+    # `int` would also accept signs, spaces and underscores
     if not (_CHECKSUM.fullmatch(stated) and body.isascii()):
         raise WireError("checksum or text invalid")
     if int(stated, 16) != reduce(xor, body[1:], 0):
@@ -208,6 +216,7 @@ def time_of_day_s(text: str) -> float:
 def angle(text: str, hemisphere: str, letters: str, limit_deg: float) -> float:
     """Degrees of `ddmm.mmmm` and a hemisphere. Raises: WireError."""
     value = number(text, "position")
+    # `ddmm.mmmm`: hundreds are degrees, the rest are minutes
     degrees, minutes = divmod(value, 100)
     found = degrees + minutes / 60
     if len(hemisphere) != 1 or hemisphere not in letters or minutes >= 60 or not 0 <= found <= limit_deg:
@@ -230,6 +239,7 @@ def fix_sentences(fix: GnssFix, time_of_day_s: float) -> bytes:
     hours, rest_s = divmod(time_of_day_s % 86_400.0, 3600.0)
     minutes, seconds = divmod(rest_s, 60.0)
     clock = f"{int(hours):02d}{int(minutes):02d}{min(int(seconds * 100), 5999) / 100:05.2f}"
+    # equal errors of both axes, whose root sum is the horizontal error
     axis_m = fix.h_acc_m / math.sqrt(2)
     gst = f"GPGST,{clock},,,,,{axis_m:.4f},{axis_m:.4f},{fix.h_acc_m:.4f}"
     gga = ",".join(

@@ -66,9 +66,11 @@ def frame_bytes(opened: bytes) -> int | None:
     """
     if not opened.startswith(SYNC[: len(opened)]):
         raise WireError("UBX: no frame")
+    # the length is unknown until the header has arrived
     if len(opened) < HEADER_BYTES:
         return None
     payload_bytes = int(_HEADER.unpack_from(opened)[3])
+    # a damaged length would make the reader wait for kilobytes that never come
     if payload_bytes > PAYLOAD_BYTES:
         raise WireError(f"UBX: longer than {PAYLOAD_BYTES} bytes")
     return HEADER_BYTES + payload_bytes + CHECKSUM_BYTES
@@ -112,6 +114,7 @@ def nav_pvt(payload: bytes) -> Position:
         raise WireError("NAV-PVT: a fix without satellites")
     if abs(lat_e7) > 90e7 or abs(lon_e7) > 180e7:
         raise WireError("NAV-PVT: position out of range")
+    # zero would make the estimator trust this fix above everything else
     if accuracy_mm == 0:
         raise WireError("NAV-PVT: a fix without accuracy")
     height_m = math.nan if fix_type == _TWO_DIMENSIONS else height_mm / 1e3

@@ -93,6 +93,7 @@ class Course:
 
     def at(self, s_m: float) -> PathPoint:
         """The point at a distance along the course; negative or beyond its length: straight on."""
+        # before the first start the first segment, which is straight and extends backwards
         segment = self._segments[max(0, bisect_right(self._starts, s_m) - 1)]
         return segment.at(s_m - segment.start_m)
 
@@ -105,6 +106,7 @@ class Course:
         best = math.inf
         last = len(self._segments) - 1
         for index, segment in enumerate(self._segments):
+            # only the ends extend straight on; inside, a segment ends where the next one begins
             low = -math.inf if index == 0 else 0.0
             high = math.inf if index == last else segment.length_m
             if near_m is not None:
@@ -115,6 +117,7 @@ class Course:
             along = segment.nearest(x_m, y_m, low, high)
             point = segment.at(along)
             distance = math.hypot(point.x_m - x_m, point.y_m - y_m)
+            # the margin keeps the first of equally near points in spite of rounding
             if distance < best - 1e-9:
                 best, best_s = distance, segment.start_m + along
         return best_s
@@ -141,6 +144,7 @@ def _build(points: list[tuple[float, float]], turn_radius_m: float) -> list[_Seg
             turn = math.remainder(headings[i + 1] - heading, math.tau)
             # a leg between two turns is shared by their arcs
             room = min(leg if i == 0 else leg / 2, legs[i + 1] if i + 2 == len(legs) else legs[i + 1] / 2)
+            # the arc touches both legs at this multiple of its radius from the waypoint
             slope = math.tan(abs(turn) / 2)
             radius = min(turn_radius_m, room / slope) if slope > 1e-9 else 0.0
             if radius < _SHARP_M:
@@ -150,6 +154,7 @@ def _build(points: list[tuple[float, float]], turn_radius_m: float) -> list[_Seg
         x = points[i][0] + cut_before * math.cos(heading)
         y = points[i][1] + cut_before * math.sin(heading)
         first_or_last = i in {0, len(legs) - 1}
+        # the ends stay, even if short: the course extends along them
         if straight > 1e-9 or first_or_last:
             segments.append(_Segment(s, max(0.0, straight), x, y, heading, 0.0))
             s += max(0.0, straight)

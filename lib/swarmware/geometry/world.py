@@ -56,6 +56,7 @@ class Circle(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         along = rx * dx + ry * dy
         across2 = rx * rx + ry * ry - along * along
         inside2 = self.radius_m * self.radius_m - across2
+        # the ray passes the circle, or only touches it
         if inside2 <= 0.0:
             return math.inf
         length = along - math.sqrt(inside2)
@@ -98,11 +99,13 @@ class Box(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
             (px, dx * cos + dy * sin, self.size_m[0] / 2),
             (py, dy * cos - dx * sin, self.size_m[1] / 2),
         ):
+            # parallel to this pair of sides: inside of them or never; a division would overflow
             if abs(d) < _FAR:
                 if abs(p) > half:
                     return math.inf
                 continue
             one, two = (-half - p) / d, (half - p) / d
+            # slab method: the ray is inside the box where it is between both pairs of sides
             near, far = max(near, min(one, two)), min(far, max(one, two))
         return near if 0.0 <= near <= far else math.inf
 
@@ -176,6 +179,7 @@ class World(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
         """The obstacle that a sphere of this radius touches, if any."""
         for obstacle in self.obstacles():
             gap = obstacle.distance_m(x_m, y_m)
+            # too far from above already: the height needs no check
             if gap >= radius_m:
                 continue
             above = z_m - obstacle.height_m
@@ -200,8 +204,10 @@ class World(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
             if away - reach >= max_m:
                 continue
             bearing = math.atan2(obstacle.y_m - y_m, obstacle.x_m - x_m) - yaw_rad + math.pi
+            # within the circle around the obstacle any beam can meet it
             half = math.pi if away <= reach else math.asin(reach / away)
             first = math.ceil((bearing - half) / step)
+            # at most one turn, or beams would be followed twice
             last = min(math.floor((bearing + half) / step), first + beams - 1)
             for beam in range(first, last + 1):
                 angle = yaw_rad - math.pi + beam * step

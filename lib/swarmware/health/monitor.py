@@ -222,6 +222,7 @@ class HealthMonitor:
             self._add(name, condition)
         if not isinstance(condition, ReportedCondition):
             raise InvalidInput(f"check {name!r}: {module.id} runs it itself; expected another name")
+        # a report with all checks of a module must fit into one slot of its board
         detail = detail[:FREEZE_FRAME_CHARACTERS]
         if condition.set(state, default_level(state) if level is None else level, detail, module.now_ns()):
             module.log.info("condition %s: %s %s", condition.registration.check, state, detail)
@@ -233,6 +234,7 @@ class HealthMonitor:
         for task in self._tasks.pop(name):
             task.cancel()
         self._write_reports()
+        # announced, as silence alone would be a fault of the check
         gone = msgspec.structs.replace(check.registration, withdrawn=True)
         await self._module.send(ADDRESS, gone)
 
@@ -288,6 +290,7 @@ class HealthMonitor:
                 # Before the state is read: a change during the registration wakes the loop again.
                 changed.clear()
                 monitor, repairs = node.table.named("health"), node.repairs
+                # the start identifies the monitor: a restarted one has forgotten the registrations
                 if monitor is None or registered == (monitor.started_ns, repairs):
                     await changed.wait()
                 elif (await self._module.send(ADDRESS, registration)).status is Status.DELIVERED:

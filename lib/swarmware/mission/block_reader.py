@@ -67,6 +67,7 @@ class BlockReader:
                 message += f"; not available: {'; '.join(catalogue.unusable)}"
             self._report("type", "unknown-block", message)
         self._known = known is not None
+        # read on with a stand-in, so that the other errors of the block are reported as well
         self._spec = known or BlockType(name, "A block of an unknown type.", timeout_s=60.0)
 
     def block(self) -> Block:
@@ -97,6 +98,7 @@ class BlockReader:
             self._report(key, "timeout", f"a {self._spec.name} cannot time out: expected no `{key}`")
             return None
         value = _number(self._body[key])
+        # a truth value is an integer in Python
         if isinstance(value, bool) or not isinstance(value, int | float):
             value = -1.0
         if key == _SECONDS:
@@ -177,6 +179,7 @@ class BlockReader:
 
     def _edge(self, outcome: BlockOutcome, key: str) -> None:
         target = self._body.get(key)
+        # published missions write a single successor as a list
         if isinstance(target, list) and len(target) == 1:
             target = target[0]
         if isinstance(target, str):
@@ -216,6 +219,7 @@ class BlockReader:
                 self._timeout_edge(target, place)
             elif word == OutcomeKind.ERROR:
                 self._error_edge(ANY_ERROR, target, place)
+            # of an unknown type the kinds of errors are unknown, too
             elif self._known and kind not in self._spec.errors:
                 timeout = (OutcomeKind.TIMEOUT,) if self._spec.can_time_out else ()
                 kinds = (*timeout, OutcomeKind.ERROR, *self._spec.errors)
@@ -254,6 +258,7 @@ class BlockReader:
             raw[name], spelled[name] = value if _is_text(value, types.get(name)) else _number(value), key
         try:
             params = msgspec.convert(raw, self._spec.params)
+            # computed here, as the class of a package may fail in it
             _ = params.lasts_s
         except msgspec.ValidationError as error:
             self._explain(str(error), raw, spelled)

@@ -59,6 +59,7 @@ def parse(text: str, own: str = "") -> ConditionExpression:
         raise MissionError(f"condition of {len(text)} characters: expected at most {LENGTH_LIMIT}")
     reader = _ConditionParser(text, own)
     node = reader.either(0)
+    # the grammar ended before the text
     if reader.kind is not TokenKind.END:
         raise reader.error("and, or, or the end")
     return ConditionExpression(text, node)
@@ -107,6 +108,7 @@ class _ConditionParser:
         found = _TOKEN.match(self._text, self._at)
         if found is None:
             before, self.kind, self.word = self.kind, TokenKind.OTHER, rest.strip()[:10]
+            # behind a path the bracket shows what the author meant
             if before is TokenKind.PATH and self.word.startswith("["):
                 raise self.error('an index such as [0], or a key in quotes such as ["sensor/gnss"]')
             raise self.error("a number, a resource path, 'text' or a comparison")
@@ -127,6 +129,7 @@ class _ConditionParser:
             self.word = found[self.kind]
 
     def _take(self, kind: TokenKind, word: str) -> bool:
+        # with a field behind it, `or.x` is a path, not the operator
         if self.kind == kind and self.word == word and not self._steps:
             self._advance()
             return True
@@ -135,6 +138,7 @@ class _ConditionParser:
     def _take_call(self, name: str) -> bool:
         """Takes the name of a function and its opening parenthesis."""
         called = self.kind is TokenKind.PATH and self.word == name and not self._steps
+        # a resource may have the name of a function; the parenthesis decides
         if not called or not self._text[self._at :].lstrip().startswith("("):
             return False
         self._advance()
@@ -157,6 +161,7 @@ class _ConditionParser:
         return node
 
     def _not(self, depth: int) -> Node:
+        # the text comes from a file: its nesting must not exhaust the stack
         if depth > DEPTH_LIMIT:
             raise self.error(f"at most {DEPTH_LIMIT} nested parts")
         if self._take(TokenKind.PATH, "not"):
@@ -175,6 +180,7 @@ class _ConditionParser:
             symbol = self.word
             self._advance()
             return Compare(symbol, left, self._operand())
+        # a number or text alone is neither true nor false
         if isinstance(left, Literal) and not isinstance(left.value, bool):
             raise self.error("a comparison")
         return left
@@ -194,6 +200,7 @@ class _ConditionParser:
             return Literal(word)
         if word in {"true", "false"} and not steps:
             return Literal(word == "true")
+        # before the short names: in a condition on one resource its own fields take precedence
         if self._own and "/" not in word:
             return Field(self._own, word + steps, begin)
         if word.lower() in SHORT_NAMES and not steps:
@@ -217,4 +224,5 @@ class _ConditionParser:
 
     @staticmethod
     def _resource(path: str) -> bool:
+        # one segment would be a misspelt short name; paths have no capital letters
         return "/" in path.removeprefix("/") and path == path.lower()

@@ -52,6 +52,7 @@ def check_roles(roles: list[EnsembleRole]) -> list[Finding]:
 
 def check_meetings(roles: list[EnsembleRole], budget: Budget) -> list[Finding]:
     """Findings about members of these roles that wait for each other without end, or fail at a barrier."""
+    # without barriers no role waits for another one, and the search has nothing to find
     if not any(role.mission.barriers for role in roles):
         return []
     found = search([_part(role) for role in roles], budget)
@@ -90,6 +91,7 @@ def _part(role: EnsembleRole) -> Participant:
         if isinstance(block.params, Barrier) and isinstance(block.params.quorum, int)
     ]
     station = role.kinds == (PlatformKind.GCS,)
+    # two members suffice to find a pair that waits for each other; a station is alone
     copies = min(COPIES_LIMIT, max(1 if station else 2, *quorums, 1), role.take or COPIES_LIMIT)
     if quorums:  # their number decides whether the barrier opens
         copies = min(COPIES_LIMIT, role.take or copies)
@@ -105,6 +107,7 @@ def _quorums(roles: list[EnsembleRole]) -> list[Finding]:
                 continue
             meeting = [other for other in roles if not params.roles or other.name in params.roles]
             available = sum(other.take for other in meeting)
+            # a role of any number of members may always reach the quorum
             if all(other.take for other in meeting) and params.quorum > available:
                 message = (
                     f"barrier {params.id!r}: a quorum of {params.quorum}, but its roles take "

@@ -100,6 +100,7 @@ def fields_of(cls: type[msgspec.Struct]) -> dict[str, Any]:
     found = {field.name: field.type for field in info.fields}
     for name in dir(cls):
         attribute = getattr(cls, name, None)
+        # properties count as fields: conditions may use derived values
         if isinstance(attribute, property) and not name.startswith("_") and attribute.fget is not None:
             returns = get_type_hints(attribute.fget).get("return")
             if returns in {bool, int, float, str}:

@@ -80,6 +80,7 @@ class _Loader:
     def reading(self) -> Reading:
         try:
             return self._reading()
+        # an exception, because the limit may be reached at any depth of the reading
         except _EnoughMistakes:
             message = f"{MISTAKES_LIMIT} errors: the rest was not read"
             return Reading(None, (*self._findings, self._source.finding("", "shape", message)))
@@ -90,6 +91,7 @@ class _Loader:
             self._report("", "shape", 'expected an object {"mission": {"b0": {"type": "Start", …}, …}}')
             return Reading(None, tuple(self._findings))
         for key in top:
+            # refused, not ignored: the author expects an effect
             if key in _RESERVED:
                 message = f"key {key!r}: reserved, not supported yet: {_RESERVED[key]}; expected none"
                 self._report(f"/{escape(key)}", "reserved", message)
@@ -98,6 +100,7 @@ class _Loader:
         for key in ("title", "comment", "$schema"):
             if not isinstance(top.get(key, ""), str):
                 self._report(f"/{key}", "shape", f"expected a text, it is {top[key]!r}")
+        # the parameters first: all other parts may refer to them
         self._declared = self._params(top.get("params", {}))
         bound = {key: self._substituted(key, value) for key, value in top.items()}
         blocks = self._blocks(bound["mission"])

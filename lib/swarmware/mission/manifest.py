@@ -92,6 +92,7 @@ def _contradictions(manifest: Manifest) -> Iterator[tuple[KeyPath, str]]:
             yield ("roles", number, "name"), f"{role.name!r} is a role already; expected unique names"
         names.append(role.name)
         for index, kind in enumerate(role.kinds):
+            # a later version may know more kinds; the type keeps them for its error text
             if not kind.known:
                 yield (
                     ("roles", number, "kinds", index),

@@ -58,6 +58,7 @@ class RoleSteps:
     @property
     def copies(self) -> int:
         """Number of members in the search: one, if all behave in the same way."""
+        # with a quorum the number of members decides, so equal members cannot be merged
         if any(barrier.quorum != "all" for _, barrier, _ in self.gates.values()):
             return self.part.copies
         seen: set[Marking] = set()
@@ -89,6 +90,7 @@ class RoleSteps:
         found: list[Marking] = []
         rest = marking & self._barriers
         while rest:
+            # the lowest set bit, which the next line removes
             found.append(rest & -rest)
             rest &= rest - 1
         return found
@@ -131,6 +133,7 @@ class RoleSteps:
         queue = deque([marking])
         while queue and not self._budget.spent:
             now = queue.popleft()
+            # ended or at a barrier: the next step depends on others
             if not now or now & self._barriers:
                 words = [*came[now], *([] if now else ["ends"])]
                 found[now] = f"{self.part.role}: {' → '.join(words)}" if words else ""
@@ -138,6 +141,7 @@ class RoleSteps:
             for step in self.bits.steps(now):
                 result = _fire(now, step)
                 if result not in came:
+                    # only labels with an outcome are choices; the others follow by themselves
                     choices = tuple(label for label in step.labels if ":" in label)
                     came[result] = (*came[now], *choices)[-CHOICES_SHOWN:]
                     queue.append(result)

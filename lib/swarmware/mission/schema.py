@@ -86,12 +86,14 @@ def _block(block: BlockType) -> dict[str, Any]:
     }
     groups: list[dict[str, Any]] = []
     for name, schema in own.get("properties", {}).items():
+        # a default in the schema would make editors insert it
         value = _lenient({key: part for key, part in schema.items() if key != "default"})
         for spelling in (name, *aliases.get(name, ())):
             properties[spelling] = value
         if name in own.get("required", ()):
             groups.append({"anyOf": [{"required": [word]} for word in (name, *aliases.get(name, ()))]})
         groups += [_at_most_one((name, *aliases[name]))] if name in aliases else []
+    # the type alone cannot state that exactly one of two keys is given
     if block.params is Wait:
         groups.append({"oneOf": [{"required": ["ms"]}, {"required": ["s"]}]})
     required = _successors(block, properties, groups)

@@ -55,6 +55,7 @@ def explain(message: str, raw: Any, cls: Any) -> Explanation:
     if missing := _MISSING.match(found.text):
         expected = _name(_fields(kind).get(missing[1]))
         return Explanation((*path, missing[1]), f"missing; expected {expected}")
+    # an error of the whole document: its value would repeat the document
     if not path:
         return Explanation(path, found.text)
     text = found.text[:1].lower() + found.text[1:]
@@ -75,6 +76,7 @@ def _resolved(place: str, raw: Any, cls: Any) -> tuple[KeyPath, Any, Any]:
         step: Hashable
         if index == "...":
             kind = _member(kind, dict)
+            # msgspec names no key of a mapping, so the first value that does not fit is searched
             step = _culprit(raw, kind)
         elif index:
             kind, step = _member(kind, tuple), int(index)

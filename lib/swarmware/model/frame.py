@@ -141,6 +141,7 @@ def encode(frame: Frame) -> bytes:
     Raises: WireError when a number does not fit its field of the header.
     """
     header = encode_header(frame, frame.hops_left, len(frame.extension))
+    # a join takes views as well: the payload is not copied before
     return b"".join((header, frame.extension, frame.payload))
 
 
@@ -168,6 +169,7 @@ def encode_header(frame: Frame, hops_left: int, extension_bytes: int) -> bytes:
             frame.echo_rx_us & 0xFFFF_FFFF,
         )
     except struct.error as error:
+        # the field is searched only after the failure: a check before it would cost every frame
         raise WireError(_range_error(frame)) from error
 
 
@@ -184,6 +186,7 @@ def restamp(
     Raises: WireError when the stamp does not fit its field.
     """
     try:
+        # the moving fields are the last ones of the header, so that one slice replaces them all
         frame[_MOVING_AT:HEADER_BYTES] = _MOVING.pack(
             sequence & 0xFFFF_FFFF,
             stamp_ns,
@@ -219,6 +222,7 @@ def decode(data: bytes | memoryview) -> Frame:
 
     Raises: WireError for anything but a frame of a supported version.
     """
+    # before unpacking, which would raise an error of its own for a short frame
     if len(data) < HEADER_BYTES:
         raise WireError(f"frame of {len(data)} bytes: expected at least {HEADER_BYTES}")
     (
@@ -247,6 +251,7 @@ def decode(data: bytes | memoryview) -> Frame:
     if kind is None:
         raise WireError(f"frame of unknown kind {kind_number}: expected one of {sorted(_KINDS)}")
     codec = _PLAIN
+    # most frames are not compressed, and need no look-up
     if flags & _CODEC_MASK:
         coded = _CODECS.get((flags & _CODEC_MASK) >> _CODEC_SHIFT)
         if coded is None:

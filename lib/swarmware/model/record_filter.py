@@ -51,6 +51,7 @@ _FLAG: Final = b"\xff\xee"
 
 def vlp16_records(data: bytes) -> Records:
     """The bytes as packets of a VLP-16; none when they are something else."""
+    # packets only: a single odd byte would shift all columns
     if not data or len(data) % VLP16_PACKET or not data.startswith(_FLAG):
         return NO_RECORDS
     return Records(Layout.VLP16, VLP16_PACKET, len(data))
@@ -69,6 +70,7 @@ def revert(data: bytes, records: Records) -> bytes:
     """Inverse of `apply`. Raises: WireError when the data cannot have such records."""
     if records.layout is Layout.BYTES:
         return data
+    # the numbers come with the data from another platform
     if records.record_bytes < 1 or records.size > len(data):
         raise WireError(
             f"records of {records.record_bytes} bytes, {records.size} in all, in a payload of {len(data)}"
@@ -118,7 +120,9 @@ def _vlp16_columns(data: bytes, record_bytes: int) -> bytes:
             distances[first : 4 * rows * end : 4] = blocks[at::_BLOCK]
             distances[first + 1 : 4 * rows * end : 4] = blocks[at + 1 :: _BLOCK]
             reflectivities[2 * rows * laser + firing : 2 * rows * end : 2] = blocks[at + 2 :: _BLOCK]
+    # distances rise and fall: zigzag turns small negative steps into small numbers
     steps = zigzag(differences(distances, WORD), WORD)
+    # azimuths only rise, so their steps are small without a sign
     turns = differences(azimuths, WORD)
     return b"".join(
         (

@@ -67,6 +67,7 @@ class Module(Client):
         self.start(self.send(DENIED, denial), "denial")
 
     def _participant_on(self, node: Node) -> NodeParticipant:
+        # only a module that stays can be the master; a command leaves again at once
         node.contend()
         return NodeParticipant(
             self.name,
@@ -77,9 +78,11 @@ class Module(Client):
         )
 
     def _close_resources(self) -> None:
+        # before the tasks end: a denial could not be sent any more
         self.node.callers.remove_listener(self._report_denial)
         super()._close_resources()
         for writer in self._writers:
+            # the rings last: readers get the final values of the tasks
             writer.close(unlink=not self._keep_boards)
 
     def keep_boards(self, keep: bool = True) -> None:
@@ -207,6 +210,7 @@ class Module(Client):
             described = msgspec.structs.replace(resource, owner=self.name)
         else:
             described = Resource(path=path, kind=Kind(kind), type=given, owner=self.name, **details)
+        # two paths with one number would be mixed up in frames, which carry only the number
         self._member.participant.check_number(described)
         return described
 

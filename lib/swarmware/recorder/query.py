@@ -87,6 +87,7 @@ class FolderSource:
             path: "no readable record" for directory in self.directories for path in set_aside(directory)
         }
         self._damage |= {path: f"{what}: not readable here" for path, what in self._foreign.items()}
+        # read backwards and stopped early: a log of days is not read for its last entries
         if query.newest and query.limit is not None:
             last = [self._newest(directory, wanted, query.limit) for directory in self.directories]
             return iter(list(heapq.merge(*last, key=_by_utc))[-query.limit :])
@@ -96,6 +97,7 @@ class FolderSource:
     def _found_foreign(self) -> dict[Path, str]:
         own = [path for directory in self.directories for path in segments(directory)]
         found = {path: what for path in own if (what := foreign_log(path))}
+        # own segments beside foreign files are read; foreign files alone are an error
         if len(found) == len(own):
             for directory in self.directories:
                 refuse_foreign(directory)
@@ -139,6 +141,7 @@ class FolderSource:
         if reader.damaged:
             places = "1 place" if reader.damaged == 1 else f"{reader.damaged} places"
             found.append(f"{places} damaged, {reader.damaged_bytes} bytes skipped")
+        # the segment that is being written has no end yet, which is not damage
         if not (reader.ended or reader.growing):
             lost = (
                 f", its last {reader.lost_end_bytes} bytes have no entries" if reader.lost_end_bytes else ""
@@ -165,6 +168,7 @@ class Filter:
         if query.types and entry.type not in query.types:
             return False
         key = (entry.platform, entry.path)
+        # paths repeat for every entry, so each is matched once
         matches = self._topics.get(key)
         if matches is None:
             matches = self._topics[key] = self._pattern.matches(entry.topic)

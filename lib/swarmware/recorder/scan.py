@@ -102,6 +102,7 @@ class Scan:
         found = self._wanted(start)
         if found is not None and found[1] <= self._size:
             opcode, end = found
+            # a valid record behind this one proves its length
             if self._header(end) is not None or end + RECORD.size > self._size:
                 return Record(start, opcode, self._bytes(start + RECORD.size, end), end)
             # either this length is invalid, or the next record is damaged
@@ -145,6 +146,7 @@ class Scan:
             return None
         opcode, length = RECORD.unpack(head)
         shortest, longest = LENGTHS.get(opcode, (1, 0))
+        # random bytes rarely have a length that fits their opcode
         if not shortest <= length <= longest:
             return None
         self._header_at, self._last_header = at, (opcode, at + RECORD.size + length)
@@ -159,6 +161,7 @@ class Scan:
                     return at + found.start()
             if at + len(window) >= self._size:
                 return None
+            # windows overlap by a header, which may cross their border
             at += len(window) - RECORD.size
         return None
 
@@ -188,6 +191,7 @@ class Scan:
         if start < self._base or end > self._base + len(self._data):
             self._file.seek(start)
             self._base = start
+            # whole windows: most records are short, and each read is a call of the kernel
             self._data = self._file.read(max(_WINDOW, end - start))
             self.read_bytes += len(self._data)
         return self._data[start - self._base : end - self._base]

@@ -53,6 +53,7 @@ def effective_config(
     node = node if node is not None else load_node(folder)
     keys: list[ConfigKey] = []
     problems: list[str] = []
+    # what no file declares remains in it, and is listed last
     left = dict(live)
     classes: dict[str, tuple[str, type[msgspec.Struct], dict[str, str]]] = {}
     for name in (NODE, *node.services):
@@ -73,6 +74,7 @@ def effective_config(
                 chosen.append((name, key, setting))
         if not chosen:
             continue
+        # only files with a matching key are read
         file = _read(folder, service, cls)
         if file.problem:
             problems.append(file.problem)
@@ -123,6 +125,7 @@ def _read(folder: Path, service: str, cls: type[msgspec.Struct]) -> _ConfigFile:
         value = _plain(msgspec.to_builtins(convert(document.toml(text, str(path)), cls, str(path))))
         lines = toml_lines(text)
     except FileNotFoundError:
+        # without a file the defaults are in force
         value = _plain(msgspec.to_builtins(cls()))
     except ConfigError as error:
         problem = str(error)
@@ -139,6 +142,7 @@ def _key(
     meanings: bool,
 ) -> ConfigKey:
     by_file = None if file.value is None else _at(file.value, key.name)
+    # the running service decides: its file may have changed since it was read
     own = by_file if running is None else _plain(_at(running, key.name))
     line = file.lines.get(tuple(key.name.split(".")), 0)
     pending = running is not None and file.value is not None and own != by_file

@@ -92,8 +92,10 @@ def decode(data: bytes, source: str, *, whole: bool = True) -> AppEntry:
     Raises: WireError when it is incomplete or not an application file.
     """
     try:
+        # the last mark: a value of the file may contain the same text
         text, mark, check = data.decode().rpartition(_MARK)
         if mark and int(check, 16) == zlib.crc32(text.encode()):
+            # after the checksum, which covers the whole text
             if not whole and (head := _head(text, source)) is not None:
                 return head
             return msgspec.convert(document.toml(text, source, finite=False), AppEntry)

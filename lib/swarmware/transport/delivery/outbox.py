@@ -112,6 +112,7 @@ class Outbox:
             return []
         status = _STATUSES.get(ack.status, Status.REFUSED)
         outcome = Outcome(status, ack.where, ack.detail, ack.received_ns)
+        # a hop reports the present state: a route may return before the time-out
         if status is Status.UNREACHABLE:
             pending.soft_refusal = outcome
             pending.absent_since_ns = None
@@ -120,6 +121,7 @@ class Outbox:
             pending.soft_refusal = outcome
             if pending.absent_since_ns is None:
                 pending.absent_since_ns = now_ns
+            # at the answer, too: the timer may be set far later
             elif self._absent_for_good(pending, now_ns):
                 return [self._give_up(key, pending)]
             return []
@@ -155,6 +157,7 @@ class Outbox:
             pending = self._pending.get(key)
             if pending is None:
                 continue
+            # nothing waits for a retransmission after the time-out
             if now_ns >= pending.expires_ns or self._absent_for_good(pending, now_ns):
                 actions.append(self._give_up(key, pending))
             else:
@@ -172,6 +175,7 @@ class Outbox:
     def _next_ns(self, pending: _Pending, now_ns: int) -> int:
         due_ns = min(now_ns + pending.wait_ns, pending.expires_ns)
         if pending.absent_since_ns is not None:
+            # in the future in any case: a deadline in the past would make the driver spin
             due_ns = min(due_ns, max(now_ns + 1, pending.absent_since_ns + self._grace_ns))
         return due_ns
 
@@ -195,6 +199,7 @@ def _given_up(pending: _Pending) -> Outcome:
     trouble = pending.soft_refusal
     if trouble is None:
         return Outcome(Status.EXPIRED, detail=f"no answer after {pending.times_sent} tries")
+    # a receiver that had the message has ended with it; the sender cannot know how far it came
     if trouble.status is Status.ABSENT:
         if pending.reached:
             return Outcome(Status.UNREACHABLE, trouble.where, "the receiver has ended without an answer")

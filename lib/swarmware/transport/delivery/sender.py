@@ -69,8 +69,10 @@ def _without(extension: bytes) -> bytes:
     at = 0
     while at < len(extension):
         end = at + 2 + extension[at + 1] if at + 2 <= len(extension) else len(extension) + 1
+        # an element that ends behind the extension would swallow the payload
         if end > len(extension):
             raise WireError(f"header extension of {len(extension)} bytes: an element ends behind it")
+        # elements of the broker that come from a link are forged, and are removed
         if extension[at] not in _OWN_TAGS:
             kept += extension[at:end]
         at = end
@@ -124,6 +126,7 @@ def sender_and_arrival_ns(extension: bytes) -> tuple[Sender | None, int | None]:
 
 def _sender_in(found: dict[int, bytes]) -> Sender | None:
     sender = found.get(_SENDER_TAG, b"")
+    # a role of a later version has unknown rights: none are given
     if not sender or sender[0] not in _ROLES:
         return None
     return _sender(sender, found.get(_CALLER_TAG, b"")[1:], found.get(_VIA_TAG, b""))

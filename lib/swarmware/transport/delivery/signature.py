@@ -79,6 +79,7 @@ def is_signed(extension: bytes) -> bool:
 
 def with_node(extension: bytes, hw: int) -> bytes:
     """The extension with one more node on the path; unchanged where it has no room."""
+    # the path is information; the frame itself must not fail for it
     if len(extension) + 2 + _NODE.size > EXTENSION_LIMIT:
         return extension
     if len(extension) >= 2 and extension[0] == _PATH_TAG and 2 + extension[1] <= len(extension):
@@ -110,6 +111,7 @@ def signed_content(frame: Frame, parts: RelayExtension) -> bytes:
 def _content(frame: Frame, extension: bytes, signer_hw: int, session: int) -> bytes:
     """A digest, since Ed25519 reads its text twice, and libsodium copies it."""
     digest = blake2b(_SIGNER.pack(signer_hw, session), person=_PERSON, digest_size=32)
+    # hops left change at each hop, so they are signed as 0
     digest.update(encode_header(frame, 0, len(extension)))
     digest.update(extension)
     digest.update(frame.payload)

@@ -63,6 +63,7 @@ class _Bucket:
         self._at_ns = now_ns
 
     def take(self, now_ns: int) -> bool:
+        # computed when asked, so that an idle bucket needs no timer
         gained = (now_ns - self._at_ns) / SECOND_NS * self._per_second
         self._level, self._at_ns = min(self._size, self._level + gained), now_ns
         if self._level < 1:
@@ -141,6 +142,7 @@ class Inviter:
                 # Addresses can be invented without end: the oldest one goes.
                 del self._sources[next(iter(self._sources))]
             bucket = self._sources[address] = _Bucket(ATTEMPTS, 1.0, now_ns)
+        # the own bucket first: a flooding address must not empty the bucket of all
         if bucket.take(now_ns) and self._all.take(now_ns):
             return True
         self.limited += 1
@@ -155,14 +157,17 @@ class Inviter:
             return None
         found = self._open.get(number)
         if found is None:
+            # in clear text: without the token there is no common secret to seal with
             return refuse(self._former.get(number, JoinRefusal.UNKNOWN))
         try:
+            # the seal proves the knowledge of the token, the signature below the ownership of the key
             request = open_request(found.token, data)
             genuine = proves(request.sign_public, request.proof, found.token.fingerprint, request.platform)
         except InvalidInput:
             self.garbage += 1
             return None
         refusal, reason = self._judge(found, request, now_ns)
+        # last, because the other reasons help an operator more
         if not refusal and not genuine:
             refusal, reason = JoinRefusal.PROOF, "its signature is not of the key that it presented"
         if refusal:

@@ -78,6 +78,7 @@ class Joiner:
         """
         answer = open_answer(self._token, data)
         if isinstance(answer, JoinRefusal):
+            # returned, not raised: a forged refusal must not end the attempt before the true answer
             return self._refused(answer, f" ({UNSIGNED})")
         if answer.refusal:
             try:
@@ -86,6 +87,7 @@ class Joiner:
                 text = f"{answer.reason or 'for a reason that is not known here'}"
                 raise Denied(f"the inviter refused {self._platform}: {text}") from error
             raise self._refused(refusal, answer.reason and f": {answer.reason}")
+        # the seal shows only that the token is known; the fingerprint binds the answer to the root
         _check_root(self._token, answer.root_public)
         return Credentials(
             self._seed, answer.root_public, answer.roster, _ahead_s(answer, utc_ns), answer.broker_port
@@ -110,6 +112,7 @@ def from_file(token: JoinToken, platform: str, data: bytes, source: str, utc_s: 
     Raises: Denied when the token has expired or belongs to another file or root, InvalidInput when the file
     is for another platform.
     """
+    # a file has no inviter whose clock could decide
     if utc_s >= token.expires_utc_s:
         late_s = utc_s - token.expires_utc_s
         raise Denied(
@@ -120,6 +123,7 @@ def from_file(token: JoinToken, platform: str, data: bytes, source: str, utc_s: 
         content: JoinFile = open_file(token, data)
     except WireError as error:
         raise Denied(f"{source}: {error}; expected the file and the token of one invitation") from error
+    # the roster has this key under the other name, so peers would refuse the node
     if content.platform != platform:
         raise InvalidInput(
             f"{source}: credentials of {content.platform}; `platform` of node.toml is {platform}"

@@ -152,12 +152,14 @@ def number_of(data: bytes) -> bytes:
 
 def _seal(kind: bytes, token: JoinToken, nonce: bytes, content: msgspec.Struct) -> bytes:
     clear = kind + token.number
+    # a key for each kind, so that no message can be replayed as another kind
     box = SealKey(token.key(kind)).seal(nonce, msgspec.msgpack.encode(content), clear)
     return clear + nonce + box
 
 
 def _open(kind: bytes, token: JoinToken, data: bytes, cls: type[T]) -> T:
     clear, nonce, box = data[: _KIND_BYTES + ID_BYTES], data[_KIND_BYTES + ID_BYTES : _SEALED], data[_SEALED:]
+    # cheap checks first: bytes from any computer arrive here
     if clear != kind + token.number or len(nonce) < NONCE_BYTES:
         raise WireError("a message of a join: of another token, or damaged")
     body = SealKey(token.key(kind)).open(nonce, box, clear)

@@ -45,6 +45,7 @@ class Callers:
         if uid in self._trusted:
             return None
         operators = self._rules.operators
+        # the file has changed: roles of users that are connected may be others now
         if self._version != self._rules.version:
             self._version = self._rules.version
             self._known.clear()
@@ -104,11 +105,13 @@ def caller_of_user(uid: int, operators: tuple[OperatorEntry, ...]) -> Caller:
     try:
         user = pwd.getpwuid(uid)
     except KeyError:
+        # a user without a name, as in a container; the underscore marks a number
         return Caller(f"_{uid}", Role.OBSERVER)
     name = user.pw_name[:NAME_LIMIT]
     own = next((one for one in operators if one.user == user.pw_name), None)
     if own is not None:
         return Caller(own.name or name, Role.named(own.role))
+    # all groups of the user: the process may run with some of them only
     groups = set(os.getgrouplist(user.pw_name, user.pw_gid))
     roles = [Role.named(one.role) for one in operators if _group_id(one.group) in groups]
     return Caller(name, max(roles, default=Role.OBSERVER))

@@ -92,6 +92,7 @@ class ZmtpConnection:
 
     def _take_greeting(self, data: bytes) -> int | None:
         """End of the greeting in the buffer, or None if it is not complete."""
+        # checked from the first bytes on, so that another protocol is refused at once
         if data[:1] != b"\xff" or data[9:10] not in (b"", b"\x7f"):
             raise WireError(f"greeting starts with {data[:10].hex()}: expected ff, 8 bytes and 7f of ZMTP")
         if len(data) > len(_SIGNATURE) and data[len(_SIGNATURE)] < _MAJOR:
@@ -122,6 +123,7 @@ class ZmtpConnection:
                 self._needed = body - start
                 break
             length = int.from_bytes(data[start + 1 : body], "big")
+            # before the body arrives: a false length would make the buffer grow without end
             limit = _COMMAND_LIMIT if flags & _COMMAND else FRAME_LIMIT
             if length > limit:
                 raise WireError(f"a part of {length} bytes: expected at most {limit}")
@@ -134,6 +136,7 @@ class ZmtpConnection:
             elif not self.is_ready:
                 raise WireError("a message before READY")
             elif flags & _MORE or self._in_parts:
+                # parts are skipped up to the last one, whose flag ends the message
                 self._in_parts = bool(flags & _MORE)
                 self.ignored += not self._in_parts
             else:
@@ -155,6 +158,7 @@ class ZmtpConnection:
             self.is_ready = True
         elif name == b"PING":
             pong = b"\x04PONG" + content[_PING_TTL_BYTES:]
+            # the answer is a short command, as the standard limits the context of a PING to 16 bytes
             if len(pong) > _SHORT_MAX:
                 raise WireError(f"PING of {len(content)} bytes: expected at most 18")
             self._output += bytes((_COMMAND, len(pong))) + pong

@@ -26,7 +26,7 @@ class ReceivedNumbers:
             self._bits |= 1 << number - self.floor
 
     def raise_floor(self, floor: int) -> None:
-        """No number below this one follows, or it would be too old to tell."""
+        """Numbers below this one do not follow any more, or count as old."""
         if floor > self.floor:
             self._bits >>= floor - self.floor
             self.floor = floor

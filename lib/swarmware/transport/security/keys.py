@@ -82,9 +82,11 @@ class Keys:
         roster = parse_roster(signed, root_public, str(source))
         member = roster.find(platform)
         if member is None:
+            # revoked entries stay on the roster, which distinguishes a revoked platform from an unknown one
             was = any(each.platform == platform for each in roster.members)
             raise Denied(f"{source}: {platform} {'was revoked' if was else 'is not on the roster'}")
         secret = _curve_secret(seed)
+        # a copied roster with another node's key would fail only later, at each neighbour
         if member.curve_public != curve_public(secret):
             raise Denied(f"{directory / NODE_KEY}: not the key that the roster has for {platform}")
         group = _open_group(roster, member, secret)
@@ -97,6 +99,7 @@ class Keys:
     def open(cls, platform: str) -> "Keys":
         """Keys of a node without key files: an identity for this run, and a public group key."""
         group = GroupKey(0, blake2b(_OPEN_GROUP, digest_size=KEY_BYTES).digest())
+        # a new identity for each start: without a roster no other node can know the old one
         return cls(platform, os.urandom(SEED_BYTES), None, group)
 
     @property
@@ -152,10 +155,12 @@ class Keys:
             return None
         own = roster.find(self.platform)
         is_member = own is not None and own.curve_public == self.curve_public
+        # a revoked node keeps the former key: the new one is not sealed to it
         if own is not None and is_member and roster.key_epoch != self.group.epoch:
             group = _open_group(roster, own, self.curve_secret)
             if group is None:
                 raise ConfigError(f"roster {roster.version}: it has no group key for {self.platform}")
+            # neighbours seal with the former key until they have the roster, too
             self.former = _kept((self.group, *self.former), group.epoch)
             self.group = group
         self.roster, self.signed = roster, text
@@ -191,6 +196,7 @@ class StoredRoster(msgspec.Struct, frozen=True):
     def write(self, directory: Path) -> None:
         """Write the files; a kill in between leaves keys that load. Raises: OSError."""
         if self.former:
+            # before the roster: a kill in between must not lose the key that others still use
             replace_file(directory / FORMER_KEYS, msgspec.json.encode(self.former), mode=0o600)
         replace_file(directory / ROSTER, self.signed, mode=0o644)
 
@@ -250,6 +256,7 @@ def _checked(path: Path, group: GroupKey) -> GroupKey:
 def _curve_secret(seed: bytes) -> bytes:
     """X25519 form of an Ed25519 seed, clamped. Source: RFC 8032 section 5.1.5, RFC 7748 section 5."""
     secret = bytearray(sha512(seed)[:KEY_BYTES])
+    # clamping: a multiple of the cofactor, with the highest bit at a fixed place
     secret[0] &= 248
     secret[31] = secret[31] & 127 | 64
     return bytes(secret)
@@ -269,6 +276,7 @@ def _read(path: Path) -> bytes:
 def read_secret(path: Path) -> bytes:
     """The bytes of a secret file. Raises: ConfigError, Denied when others can read it."""
     data = _read(path)
+    # refused, not repaired: a key that others could read may have been copied already
     if path.stat().st_mode & 0o077:
         raise Denied(f"{path}: other users can read it; expected mode 0600")
     return data

@@ -64,10 +64,12 @@ class Root:
             raise Conflict(f"{directory / ROOT_KEY}: there is a root already")
         directory.mkdir(parents=True, exist_ok=True)
         key = SigningKey(os.urandom(SEED_BYTES))
+        # version 0 is never distributed: the first admission makes version 1
         first = Roster(0, (), swarm=swarm, sign_beacons=True)
         root = cls(directory, key, first, GroupKey(0, os.urandom(KEY_BYTES)))
         replace_file(directory / ROOT_PUBLIC, key.public, mode=0o644)
         root._save(root.roster)
+        # the seed last: a folder without it counts as no root, and `make` can be repeated
         replace_file(directory / ROOT_KEY, key.seed, mode=0o600)
         return root
 
@@ -113,6 +115,7 @@ class Root:
             fresh = _member(candidate, serial, self.public)
             former = before.find(candidate.platform)
             if former is not None:
+                # the serial, not the name: the platform returns under the same name with a new serial
                 revoked.append(former.serial)
                 # The holder of the former key still knows the group key.
                 rotate = rotate or former.sign_public != candidate.sign_public
@@ -124,6 +127,7 @@ class Root:
             revoked += [each.serial for each in renamed]
             left = {candidate.platform, *(each.platform for each in renamed)}
             former_keys = _former_keys(members, candidate)
+            # entries are replaced, so that the roster does not grow with each admission
             members = [each for each in members if each.platform not in left]
             members += [*former_keys, fresh]
         return self._next(members, revoked, rotate=rotate)
@@ -151,10 +155,12 @@ class Root:
         if rotate or group is None:
             epoch += 1
             self._group = group = GroupKey(epoch, os.urandom(KEY_BYTES))
+            # all boxes hold the former key; they are sealed again below
             members = [msgspec.structs.replace(member, group_box=b"") for member in members]
         gone = frozenset(revoked)
         sealed = tuple(
             member
+            # an unchanged box is kept: sealing is random, and would change the whole roster
             if member.group_box or member.serial in gone
             else msgspec.structs.replace(member, group_box=seal_box(member.curve_public, group.key))
             for member in members
@@ -169,6 +175,7 @@ class Root:
         return max((*roster.revoked, *(member.serial for member in roster.members)), default=0)
 
     def _save(self, roster: Roster) -> None:
+        # the key before the roster that names its epoch; `load` detects a kill in between
         if self._group is not None:
             replace_file(self._directory / GROUP_KEY, msgspec.json.encode(self._group), mode=0o600)
         replace_file(self._directory / ROSTER, sign_roster(roster, self._key), mode=0o644)

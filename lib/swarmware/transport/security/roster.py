@@ -85,6 +85,7 @@ class RosterChange(msgspec.Struct, frozen=True):
     @property
     def renamed(self) -> dict[str, str]:
         """Former name → present name of the members that proved the same key with another name."""
+        # the signing key is the identity of a node; its name may change
         present = {member.sign_public: member.platform for member in self.came}
         return {
             former.platform: present[former.sign_public]
@@ -157,9 +158,11 @@ def parse_roster(text: bytes, root_public: bytes, source: str) -> Roster:
             _check(member)
         except SwarmError as error:
             raise ConfigError(f"{source}: {member.platform}: {error}") from None
+        # a revoked serial would revoke both of its members
         if member.serial in serials:
             raise ConfigError(f"{source}: {member.platform}: serial {member.serial} is used twice")
         serials.add(member.serial)
+    # revoked entries may repeat the name of a valid one
     valid = [member.platform for member in roster.valid()]
     if len(set(valid)) != len(valid):
         twice = next(name for name in valid if valid.count(name) > 1)

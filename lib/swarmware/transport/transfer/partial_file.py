@@ -60,9 +60,11 @@ class PartialFile:
             raise
 
     def _reserve(self) -> BlockSet:
+        # another size: a kill has interrupted the reservation, and no block is valid
         is_former = os.fstat(self._descriptor).st_size == self.size_bytes
         try:
             if self.size_bytes:
+                # a full disk shows before the transfer, not after an hour of it
                 os.posix_fallocate(self._descriptor, 0, self.size_bytes)
             count = block_count(self.size_bytes)
             blocks = BlockSet(count, os.pread(self._marks_descriptor, count, 0) if is_former else b"")
@@ -84,10 +86,12 @@ class PartialFile:
         """
         number, rest = divmod(offset, BLOCK_BYTES)
         expected = min(BLOCK_BYTES, self.size_bytes - offset)
+        # offset and length come from another platform
         if rest or not 0 <= number < len(self.blocks) or len(data) != expected:
             raise InvalidInput(
                 f"{len(data)} bytes at {offset} of {self.size_bytes}: expected a block of {BLOCK_BYTES}"
             )
+        # the data before the mark: a kill in between repeats the block
         os.pwrite(self._descriptor, data, offset)
         if self.blocks.add(number):
             os.pwrite(self._marks_descriptor, b"\x01", number)
@@ -103,11 +107,13 @@ class PartialFile:
             raise InvalidInput(
                 f"{target.name}: the content does not have its digest; expected {self.digest.hex()}"
             )
+        # the content before the name, else a power failure leaves an empty file under it
         os.fsync(self._descriptor)
         self._path.replace(target)
         self._marks.unlink(missing_ok=True)
         folder = os.open(target.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         try:
+            # the name is an entry of the folder, which has to reach the disk as well
             os.fsync(folder)
         finally:
             os.close(folder)
