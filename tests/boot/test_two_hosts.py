@@ -270,7 +270,7 @@ def test_destroyed_host_is_itself_again_from_its_backup(swarm: Swarm, tmp_path: 
 
 def test_revoked_node_is_refused_until_new_invitation(swarm: Swarm) -> None:
     gcs, uav1 = swarm.hosts["gcs"], swarm.hosts["uav1"]
-    symptom = symptoms()["all other nodes ignore this one"]
+    symptom = symptoms()["all other nodes ignore this node"]
     try:
         gcs.must("swarmctl keys revoke uav1 --yes")
         swarm.until(lambda: swarm.answering("gcs") == ["gcs"], "gcs serves uav1 no more")
@@ -402,12 +402,16 @@ PROVOKED: Final[dict[str, tuple[Callable[[Swarm], AbstractContextManager[None]],
         "gcs",
         "",
     ),
-    "a node was restored from an old backup, or its key is of another computer": (former_key, "uav1", ""),
+    "a node was restored from an old backup, or its key belongs to another computer": (
+        former_key,
+        "uav1",
+        "",
+    ),
     "no inviter answers of keys join": (ended_invitation, "uav1", ""),
     "a service is missing in app ls": (damaged_file, "uav1", ""),
     "a unit is activating, again and again": (damaged_file, "uav1", ""),
     "a user may not use swarmctl": (stranger, "uav1", "olga"),
-    "nothing new in the database": (no_database, "uav1", ""),
+    "the database gets no new entries": (no_database, "uav1", ""),
     "times in the logs of two nodes differ": (wrong_clock, "gcs", ""),
     "the host was upgraded and units differ": (former_unit, "uav1", ""),
 }
@@ -415,7 +419,7 @@ PROVOKED: Final[dict[str, tuple[Callable[[Swarm], AbstractContextManager[None]],
 
 
 def test_every_symptom_is_provoked() -> None:
-    assert set(symptoms()) == {*PROVOKED, "all other nodes ignore this one"}
+    assert set(symptoms()) == {*PROVOKED, "all other nodes ignore this node"}
 
 
 @pytest.mark.parametrize("name", PROVOKED)
