@@ -220,7 +220,6 @@ GRAMMAR: Final = {
 }
 """Telegraph style, and pronouns in place of nouns, which a reader of one line does not understand."""
 NOT_YET: Final = (
-    "daemons/swarmd/broker",
     "daemons/swarmd/mission",
     "share/doc",
 )

@@ -13,7 +13,7 @@ GroupPort = Annotated[int, msgspec.Meta(ge=1, le=65_535)]
 Platform = Annotated[str, msgspec.Meta(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
 Delay = Annotated[float, msgspec.Meta(ge=0, le=1000)]
 Seed = Annotated[str, msgspec.Meta(min_length=3, max_length=260)]
-"""`host:port`; checked by `Config`, whose refusal says more than that of a pattern."""
+"""`host:port`; checked by `Config`, whose refusal says more than a pattern could."""
 
 
 class FrameCarrier(StrEnum):
@@ -56,7 +56,7 @@ class SerialMedium(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 class NetworkMedium(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A second network, as that of another radio, that carries datagrams to neighbours."""
+    """A second network, such as another radio, that carries datagrams to neighbours."""
 
     name: MediumName
     """Name of the medium, the same at both ends."""
@@ -67,7 +67,7 @@ class NetworkMedium(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     udp_port: GroupPort = 7447
     """Port of the group."""
     rate_bit_s: Annotated[float, msgspec.Meta(ge=0, le=1e10)] = 0.0
-    """Rate of the network, which limits beacons and counts in the cost of its links; 0: not known."""
+    """Rate of the network, which limits beacons and counts in the cost of its links, or 0 if not known."""
     carries: Carries = Carries.ALL
     """all; payload: streams, files and all other frames except commands, before other media; control:
     beacons and commands."""
@@ -77,21 +77,22 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Addresses, peers and rates of the broker."""
 
     multicast_group: str = "239.83.87.1"
-    """IPv4 group of the beacons; empty: no multicast, seeds only."""
+    """IPv4 group of the beacons, or "" to reach seeds only, without multicast."""
     multicast_interface: str = ""
-    """Address or name of the group's network interface; empty: that of bind_address, or the kernel's."""
+    """Address or name of the group's network interface, or "" for the interface of bind_address or the
+    kernel's choice."""
     udp_port: GroupPort = 7447
     """Port of the group."""
     bind_address: str = EVERYWHERE
     """Address on which datagrams of single nodes and ZeroMQ connections are taken."""
     unicast_port: Port = 0
-    """UDP port of this node alone; set it where others name this node as a seed. 0: any."""
+    """UDP port of this node alone, or 0 for any; set it where others name this node as a seed."""
     tcp_port: Port = 0
     """ZeroMQ port, and UDP port for small frames; neighbours learn both from the beacon. 0: any."""
     seeds: tuple[Seed, ...] = ()
     """Nodes that get beacons by unicast where multicast does not work, as host:port."""
     hear_only: tuple[Platform, ...] = ()
-    """Platforms whose datagrams are accepted; empty: all. Forms multi-hop swarms on one machine."""
+    """Platforms whose datagrams are accepted, or [] for all. Forms multi-hop swarms on one machine."""
     tick_hz: Annotated[float, msgspec.Meta(ge=1, le=50)] = 10.0
     """Beacon rate while boards of this node have subscribers and change; at least 5 Hz while links change,
     otherwise 2 Hz. Each rate is lower where the channel is congested."""
@@ -99,7 +100,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Silence after which the link to a neighbour is down; 2.5 of its beacon periods where that is longer."""
     unit_delay_ms: tuple[Delay, ...] = ()
     """Simulated delay of the frames of other units of this platform, for the lab: its shortest and longest
-    value; empty: none."""
+    value, or [] without a delay."""
     relay_bytes_s: Annotated[float, msgspec.Meta(ge=0, le=1_000_000)] = 5000.0
     """Budget for relaying boards of other nodes with their proofs, in bytes per second."""
     frames: FrameCarrier = FrameCarrier.AUTO
@@ -108,13 +109,13 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     outages: Annotated[int, msgspec.Meta(ge=0, le=1000)] = 100
     """Number of finished outages of links that the node keeps, also over a restart."""
     metrics_port: Port = 0
-    """TCP port of the metrics page for Prometheus; 0: it is not served."""
+    """TCP port of the metrics page for Prometheus, or 0 if it is not served."""
     metrics_address: str = "127.0.0.1"
-    """Address on which it is served; one that is not of this computer alone needs `metrics_token_file`."""
+    """Address of the metrics page; an address that other computers reach needs `metrics_token_file`."""
     metrics_token_file: str = ""
-    """File with the bearer token that a request must have; empty: none is needed."""
+    """File with the bearer token that a request must have, or "" if none is needed."""
     heartbeat_s: Annotated[float, msgspec.Meta(ge=0, le=60)] = 0.0
-    """ZeroMQ heartbeats on connections; 0: none, missing beacons show that a neighbour is lost."""
+    """Period of ZeroMQ heartbeats on connections, or 0 without: missing beacons show a lost neighbour."""
 
     serial: tuple[SerialMedium, ...] = ()
     """Serial lines beside the network, or in place of it."""

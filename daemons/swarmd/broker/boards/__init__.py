@@ -1,1 +1,1 @@
-"""Boards in shared memory: those of this node, mirrors of others, and the rules of channels."""
+"""Boards in shared memory: own boards, mirrors of boards of other nodes, and the rules of channels."""

@@ -11,7 +11,7 @@ from swarmware.types.time import TimingBatch
 TIMING_SLOTS: Final = 64
 TIMING_SLOT_BYTES: Final = 4096
 STRUCTURE_SLOTS: Final = 64
-"""Structures that may arrive before the tree reads them: one that is lost is asked for again."""
+"""Structures that may arrive before the tree reads them; a lost structure is asked for again."""
 STRUCTURE_SLOT_BYTES: Final = 2048
 """More than a beacon holds."""
 

@@ -67,9 +67,10 @@ OWN_SHARE: Final = 700
 SETTLE_NS: Final = 15_000_000_000
 """No beacon is skipped for this time after a link change: a new clock is measured with all of them."""
 ANSWER_FALL: Final = 2.0
-"""A time to answer that fell by this factor is stated, as one that rose by SLOWER."""
+"""A time to answer is stated again when it has fallen by this factor, or risen by SLOWER."""
 ANSWER_SHARE: Final = 0.5
-"""A node whose answer takes more of its declared period does not answer: its next beacon is as soon."""
+"""Limit of the time to answer, as a share of the declared period: a slower node does not answer, because
+its next beacon is as soon."""
 _FORGET_NS: Final = 10_000_000_000
 _FIRST_DATAGRAM_BYTES: Final = 150.0
 
@@ -89,7 +90,7 @@ class BeaconProtocol:
         channels: ChannelTable | None = None,
         signing: SigningKeys | None = None,
     ) -> None:
-        """`media`: where there are several; None: one network. `signing`: None without keys."""
+        """`media`: None on a node with one network; `signing`: None without keys."""
         self._media = media
         self.identity = identity
         self.topology = topology
@@ -246,7 +247,7 @@ class BeaconProtocol:
         return self.topology.advance(now_ns)
 
     def deadline_ns(self) -> int | None:
-        """Instant by which `advance` must be called; None: no deadline."""
+        """Instant by which `advance` must be called, or None without a deadline."""
         return self.topology.deadline_ns()
 
     def forget(self, hw: int, now_ns: int) -> tuple[list[LinkChanged], list[RouteChanged]]:

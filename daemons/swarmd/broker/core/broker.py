@@ -66,7 +66,7 @@ DUPLICATE_NS: Final = 5_000_000_000
 PUBLISH_NS: Final = 1_000_000_000
 """Period of the tables of neighbours, routes and traffic."""
 _SEQUENCE_NS: Final = 100_000_000
-"""Sequence numbers start at the wall clock in beacons of 10 Hz: above those of a former session."""
+"""Sequence numbers start at the wall clock in beacons of 10 Hz: above all numbers of a former session."""
 
 Address = tuple[str, int]
 
@@ -122,7 +122,7 @@ class BrokerCore:
         )
         self._neighbours = topology.neighbours
         self.media = media_of(identity.hw, config, topology.neighbours)
-        """The media, where there are several; None: one network."""
+        """The media, or None on a node with one network."""
         self._protocol = protocol = BeaconProtocol(
             identity,
             topology,
@@ -267,9 +267,9 @@ class BrokerCore:
         by: ByMedium | None,
         now_ns: int,
     ) -> tuple[bool, list[Action]]:
-        """Takes a beacon with a valid seal, whose header names its session; whether it is accepted.
+        """Takes a beacon with a valid seal, whose header names its session; returns whether it is accepted.
 
-        `by`: how it came; None: by the only network.
+        `by`: how it came, or None on a node with one network.
         """
         hw, actions = header.sender_hw, list[Action]()
         assert header.session is not None, "the session is known from the key that opened the datagram"
@@ -473,7 +473,7 @@ class BrokerCore:
         return self._protocol.board_path(origin_hw, data_id)
 
     def clock_bound_ns(self, hw: int, now_ns: int) -> int | None:
-        """Lower bound of a neighbour's clock, which its beacons show; None: it is not known."""
+        """Lower bound of a neighbour's clock, which its beacons show, or None if it is not known."""
         neighbour = self._neighbours.get(hw)
         if neighbour is None or neighbour.hello is None:
             return None

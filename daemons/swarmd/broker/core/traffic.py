@@ -20,7 +20,7 @@ IP_UDP_BYTES: Final = 28
 NOTIFY_ID: Final = data_id("sys/tree/notify", TreeNotify.__name__)
 NOTIFIES: Final = frozenset({FrameKind.NOTIFY, FrameKind.STREAM, FrameKind.EVENT, FrameKind.BOARD})
 _BY_TREES: Final = NOTIFIES | {FrameKind.FILE}
-"""Kinds of the notifications of trees; those with former values of boards have that of files."""
+"""Kinds of the notifications of trees; notifications with former values of boards are of kind FILE."""
 _NAMES: Final = {kind: kind.name.lower() for kind in FrameKind}
 _NAMED_BY_KIND: Final = frozenset({FrameKind.ACK, FrameKind.HELLO})
 CHANNEL_LIMIT: Final = 4096
@@ -136,7 +136,7 @@ class Counters:
 
 
 def shares(frame: Frame, path_of: Callable[[int], str | None]) -> list[tuple[str, int]]:
-    """Channels and payload bytes of a frame; those of a tree notification are counted by item."""
+    """Channels and payload bytes of a frame; a tree notification counts for the channel of each item."""
     size = len(frame.payload)
     if frame.data_id == NOTIFY_ID and frame.kind in _BY_TREES:
         try:

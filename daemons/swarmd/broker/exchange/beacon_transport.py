@@ -110,7 +110,7 @@ class BeaconTransport:
     # sending
 
     def send_beacon(self, now_ns: int) -> None:
-        """Composes and sends the next beacon; one that cannot be composed is counted and skipped."""
+        """Composes and sends the next beacon; if it cannot be composed, that is counted and it is skipped."""
         try:
             outgoing = self._core.compose(now_ns)
             if outgoing.declared_period_ns:
@@ -279,8 +279,8 @@ class BeaconTransport:
         address: Address,
         rx_mono_ns: int,
     ) -> None:
-        """Lets a platform know that it was revoked while it was away, if it proves to be one that was a
-        member; a platform with its name in another swarm counts as of that."""
+        """Sends the roster to a platform that was revoked while it was away, if it was a member; a platform
+        of another swarm with the same name is counted as such."""
         sender_hw, now_ns = codec.sender_of(data), self._clock.now_ns()
         try:
             header, start = codec.decode_header(data)
@@ -315,9 +315,9 @@ class BeaconTransport:
                 opener.adopt(hw, session)
 
     def _is_own(self, medium: MediumProfile, data: bytes, address: Address, rx_mono_ns: int) -> bool:
-        """Whether a datagram is an own one that was looped back; one without a session counts as own.
+        """Whether an own datagram was looped back; a datagram without a session counts as own.
 
-        One with a number that was not used yet is of a member that has forged it, if its seal is valid.
+        A valid seal with a number that was not used yet shows that another member has forged the datagram.
         """
         try:
             header, start = codec.decode_header(data)

@@ -43,7 +43,7 @@ class FrameDelivery:
         denials: DenialReporter,
         delay: "UnitDelays | None",
     ) -> None:
-        """`delay`: of frames from other units of this platform; None: they have none."""
+        """`delay`: simulated delay of frames from other units of this platform, or None without."""
         self._keys = keys
         self._messaging = messaging
         self._table = table
@@ -141,7 +141,7 @@ class FrameDelivery:
         self._denials.on_denial(denial, now_ns)
 
     def path_of(self, data_id: int) -> str | None:
-        """Path that an application of this node serves; None: no application serves it."""
+        """Path that an application of this node serves, or None if no application serves it."""
         path = self._table.path_of(data_id)
         if path is None:
             self._table.refresh()

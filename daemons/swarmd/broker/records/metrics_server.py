@@ -77,8 +77,8 @@ class HttpConnection(asyncio.Protocol):
         self._limit = loop.call_later(REQUEST_S, self.end)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """The connection is open; one too many gets an answer at once."""
-        self._transport = cast("asyncio.Transport", transport)  # that of uvloop is not a subclass
+        """Takes an open connection; above the limit it is answered with an error at once."""
+        self._transport = cast("asyncio.Transport", transport)  # the transport of uvloop is not a subclass
         self._server.connections.add(self)
         if len(self._server.connections) > CONNECTIONS_MAX:
             self._answer(b"")
@@ -140,7 +140,7 @@ class MetricsServer:
             server.close()
 
     def answer(self, head: bytes) -> bytes:
-        """The answer to a request, or to what is none."""
+        """The answer to a request, or to bytes that are not a request."""
         found = (
             HttpAnswer(HTTPStatus.SERVICE_UNAVAILABLE)
             if len(self.connections) > CONNECTIONS_MAX

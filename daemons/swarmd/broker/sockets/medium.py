@@ -19,14 +19,14 @@ class MediumDatagram(msgspec.Struct, frozen=True, gc=False):
     by_multicast: bool = True
     """It went to all nodes of the medium."""
     number: int | None = None
-    """Number that the medium gives its datagrams, 16 bits; None: it gives none."""
+    """Number of 16 bits that the medium gives its datagrams, or None if it gives none."""
 
 
 OnArrival = Callable[[MediumProfile, MediumDatagram], None]
 """Called with the medium and what came over it."""
 
 OnLine = Callable[[str, str], None]
-"""Called with the name of a serial line and why it is not open; empty: it is."""
+"""Called with the name of a serial line and the reason for which it is not open, or "" when it is open."""
 
 
 class DatagramMedium(ABC):

@@ -13,8 +13,8 @@ _PERSON: Final = b"swarmware pair 1"
 _ENDS: Final = struct.Struct("<IQIQ")
 _NONCE: Final = struct.Struct("<II4x")
 PAIR_WINDOW: Final = 1024
-"""Maximum reordering of datagrams: the sender's numbers are those of all its neighbours together, so between
-two datagrams to this one there may be many."""
+"""Maximum reordering of datagrams: the sender counts its datagrams to all neighbours together, so two
+datagrams to one neighbour may be many numbers apart."""
 
 
 class PairEnd(msgspec.Struct, frozen=True):
@@ -33,7 +33,7 @@ class PairSeal:
     """
 
     def __init__(self, curve_secret: bytes, own: PairEnd, other: PairEnd) -> None:
-        """Raises: InvalidInput when the other key is none."""
+        """Raises: InvalidInput when the bytes of the other end are not a key."""
         shared = curve_shared(curve_secret, other.curve_public)
         self.other = other
         self._own_hw = own.hw

@@ -45,11 +45,11 @@ class Network(msgspec.Struct, frozen=True):
     medium: MediumProfile
     bind_address: str
     interface: str
-    """Address or name; empty: the kernel's choice."""
+    """Address or name, or "" for the kernel's choice."""
     group: Address | None
     unicast_port: int = 0
     window_ns: int | None = None
-    """Interval of batch reads; None: it follows the periods of beacons."""
+    """Interval of batch reads, or None if it follows the periods of beacons."""
 
 
 def main_network(config: Config) -> Network:

@@ -66,10 +66,10 @@ class Hello(msgspec.Struct, frozen=True, gc=False):
     clock_high: int
     """The sender's clock in µs, shifted right by 32 bits: the upper part of `tx_us`."""
     tcp_port: int
-    """Port of its ZeroMQ socket at the source address of the datagram; 0: none."""
+    """Port of the ZeroMQ socket at the source address of the datagram, or 0 without a socket."""
     tree_version: int
     mission: int
-    """Digest of the active mission; 0: none."""
+    """Digest of the active mission, or 0 without a mission."""
     kind: PlatformCode
     name: str
     """Platform, or platform.unit where the unit is not `main`."""
@@ -80,9 +80,9 @@ class Hello(msgspec.Struct, frozen=True, gc=False):
     listing_ms: int = 3000
     """Declared period in which the sender lists every received node."""
     frame_port: int = 0
-    """UDP port where the sender takes frames as datagrams, at the source address; 0: none."""
+    """UDP port where the sender takes frames as datagrams, at the source address, or 0 if it takes none."""
     roster_version: int = 0
-    """Version of the sender's roster; 0: it has none."""
+    """Version of the sender's roster, or 0 without a roster."""
 
 
 class Echo(NamedTuple):

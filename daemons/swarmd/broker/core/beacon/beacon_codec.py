@@ -436,11 +436,11 @@ _SECTIONS: Final = (
     _Section(Section.RELAYS, _encode_relays, _decode_relays),
     _Section(Section.EXTRA, session_checks.encode, session_checks.decode),
 )
-"""In their order in the body, which is that of the first fields of `Beacon`; the fields after them are extra
+"""Sections in the order of the body and of the first fields of `Beacon`; the fields after them are extra
 parts."""
 _RELAYS: Final = 6
 _STRUCTURE, _QUESTIONS, _SIGNATURE, _MEDIA, _NEIGHBOUR_REQUESTS, _SOLICITATION = range(
     len(_SECTIONS), len(_SECTIONS) + 6
 )
-"""Fields of `Beacon` behind those of the sections."""
+"""Fields of `Beacon` behind the sections."""
 _ABSENT: Final = msgspec.structs.astuple(Beacon())

@@ -105,7 +105,7 @@ class Slowdown:
         self._late_ns: list[int] = []
         self._recovered_ns = 0
         self._overloaded_at = 1.0
-        """Factor at the last overload; 1: the processor has recovered at that factor since."""
+        """Factor at the last overload, or 1 once the processor has recovered at that factor."""
 
     def on_beacon(self, late_ns: int, period_ns: int) -> bool:
         """A beacon begins `late_ns` after it was due. True: the factor has changed.
@@ -159,7 +159,7 @@ class BeaconSchedule:
         """The next check coincides with the other periodic work; a beacon that it triggers gets random
         jitter."""
         self._skipped = False
-        """A beacon was skipped since the last one that was sent."""
+        """A beacon was skipped since a beacon was sent last."""
         self._chance = chance
         self._left_ns = NEVER_NS
 

@@ -20,7 +20,7 @@ class DeclaredPeriod:
     """Longest period that a neighbour may still use for its deadline."""
 
     def __init__(self, kept_ns: int, now_ns: int) -> None:
-        """`kept_ns`: that of the former session; 0: none."""
+        """`kept_ns`: declared period of the former session, or 0 without one."""
         self.ns = kept_ns
         self._since_ns = now_ns
         self._later_ns = 0

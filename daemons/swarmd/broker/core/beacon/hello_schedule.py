@@ -105,7 +105,7 @@ class HelloSchedule:
         return SILENCE_NS if self._rest_hellos >= REST_HELLOS else FIRST_SILENCE_NS
 
     def next_hello(self, at: Moment) -> Hello | None:
-        """The hello of the next beacon; None: it needs none."""
+        """The hello of the next beacon, or None if it needs no hello."""
         rest_ns = -(-SILENCE_NS // at.slot_ns) * at.slot_ns
         left_out = at.sent_ns != NEVER_NS and at.now_ns - at.sent_ns >= FIRST_SILENCE_NS > at.slot_ns
         rests = at.busy and left_out

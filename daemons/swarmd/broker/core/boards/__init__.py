@@ -1,1 +1,1 @@
-"""Board values in beacons: those of this platform that are due, those of others to relay, rate limits."""
+"""Board values in beacons: due values of this platform, relayed values of others, and rate limits."""

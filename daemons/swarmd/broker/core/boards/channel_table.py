@@ -1,4 +1,4 @@
-"""Rules of channels by resource pattern and link: those of the file, and those of operators."""
+"""Rules of channels by resource pattern and link, from the file and from operators."""
 
 from collections.abc import Iterable
 from typing import Final
@@ -48,7 +48,7 @@ class KeptRule(msgspec.Struct, frozen=True):
     settings: ChannelSettings
     ends_ns: int | None = None
     former: ChannelSettings | None = None
-    """What applies again after the end; None: nothing."""
+    """Settings that apply again after the end, or None if there were no settings."""
 
 
 KeptRules = tuple[tuple[str, str, KeptRule], ...]
@@ -106,7 +106,7 @@ class ChannelTable:
     def undo(self, now_ns: int) -> None:
         """Takes back the last change that is still in force.
 
-        Raises: NotFound when there is none.
+        Raises: NotFound without such a change.
         """
         self.advance(now_ns)
         while self._before:
@@ -118,9 +118,9 @@ class ChannelTable:
         raise NotFound("channels: no change by an operator is left to take back")
 
     def clear(self, pattern: str) -> None:
-        """Removes the rules of operators with this pattern; empty: all.
+        """Removes the rules of operators with this pattern, or all rules of operators for "".
 
-        Raises: NotFound when there is none.
+        Raises: NotFound without such a rule.
         """
         kept = {key: rule for key, rule in self._rules.items() if pattern and key[0] != pattern}
         if len(kept) == len(self._rules):

@@ -39,12 +39,12 @@ class PublishedBoard:
         self.type = offer.type
         self.period_ns = _ALWAYS_NS
         self.limited = False
-        """The period is that of a rate limit, not of the subscription."""
+        """A rate limit gives the period, rather than the subscription."""
         self.payload = b""
         self.packed = False
         self.stamp_ns = 0
         self.version = 0
-        """Number of values put; 0: none yet."""
+        """Number of values put, or 0 before the first."""
         self.sent_version = 0
         self.repeats = 0
         """Beacons that still have to carry the newest payload."""

@@ -1,4 +1,4 @@
-"""Values of other nodes' boards in received beacons: those of subscribed boards, own and relayed ones."""
+"""Values of subscribed boards in received beacons: values of the sender, and values that it relays."""
 
 from collections.abc import Callable, Collection
 from typing import Final
@@ -72,7 +72,7 @@ class ReceivedValues:
         return tuple(one.want for one in self._subscriptions.values())
 
     def path(self, origin_hw: int, data_id: int) -> str | None:
-        """Path of a subscribed board; None: there is no subscription."""
+        """Path of a subscribed board, or None without a subscription."""
         subscription = self._subscriptions.get((origin_hw, data_id))
         return None if subscription is None else subscription.want.path
 

@@ -206,7 +206,7 @@ class RelayCache:
         return ahead_us < -OLDEST_NS // 1000 and rx_ns - entry.rx_ns > RESTART_NS
 
     def newest(self, origin_hw: int, data_id: int) -> RemoteValue | None:
-        """The newest value of a board; None: none is cached."""
+        """The newest value of a board, or None if no value is cached."""
         entry = self._entries.get((origin_hw, data_id))
         if entry is None:
             return None

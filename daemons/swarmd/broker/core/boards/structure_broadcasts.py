@@ -30,7 +30,7 @@ class BeaconStructures(msgspec.Struct, frozen=True, gc=False):
 
 
 class StructureBroadcasts:
-    """Decides which beacons have the own structure, or questions for those of others; takes what others send.
+    """Decides which beacons have the own structure, or ask for others; takes the structures that arrive.
 
     The own structure is sent when it has changed, when a neighbour has asked, and to nodes that meet this one
     for the first time. A node that receives the question of another one does not ask, too.
@@ -48,8 +48,8 @@ class StructureBroadcasts:
         """Newest structure of each node."""
 
     def set_plan(self, plan: TreePlan) -> list[StructureBroadcast]:
-        """The tree has another structure, or needs those of other nodes; returns those that were received
-        before it needed them."""
+        """The tree has another structure, or needs structures of other nodes; returns the structures that
+        arrived before the tree needed them."""
         if plan.broadcast != self._broadcast:
             self._is_due = self._broadcast is not None  # at the start neighbours ask
             self._broadcast = plan.broadcast

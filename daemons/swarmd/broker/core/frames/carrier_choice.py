@@ -29,12 +29,12 @@ UNOPENED_NS: Final = 3_000_000_000
 
 
 class LinkQuality(msgspec.Struct, frozen=True):
-    """What beacons measured of the link to a neighbour."""
+    """Measurement of the link to a neighbour by beacons."""
 
     loss: float
     """Share of beacons that were lost on the way, in the worse direction; late ones do not count."""
     rtt_ns: int = 0
-    """0: not measured."""
+    """Round trip, or 0 if not measured."""
     silence: float = 0.0
     """The same share if beacons that are overdue count as lost."""
     is_opening: bool = False
@@ -47,17 +47,17 @@ class CarrierChoice:
     def __init__(self) -> None:
         self.by_datagram = False
         self.loss = 0.0
-        """Smoothed."""
+        """Smoothed loss of the beacons, in the worse direction."""
         self.base_ns: int | None = None
-        """Minimum of the round trip of beacons; None: not measured."""
+        """Minimum of the round trip of beacons, or None if not measured."""
         self.queued_rtt_ns: int | None = None
-        """Round trip with the queue because of which the datagrams began, and which is still before them;
-        None: they began for another reason."""
+        """Round trip with the queue because of which the datagrams began, and which is still before them, or
+        None if they began for another reason."""
         self.blocked_until_ns = 0
         """Datagrams do not reach the neighbour; until then it gets none."""
         self._buffer = SendBuffer()
         self._rtt_ns = 0
-        """The last one."""
+        """Last measured round trip, of beacons or connections."""
         self._queued = 0
         """Seconds in a row with a queue."""
         self._held = 0
@@ -85,7 +85,7 @@ class CarrierChoice:
         return self.loss >= LOSSY or self.is_queued or self._is_unopened or kind is FrameCarrier.UDP
 
     def on_quality(self, quality: LinkQuality) -> None:
-        """What beacons measured in the last second."""
+        """Takes the measurement of the last second by beacons."""
         self.loss += WEIGHT * (quality.loss - self.loss)
         rtt_ns = quality.rtt_ns
         if not rtt_ns:
@@ -98,8 +98,8 @@ class CarrierChoice:
         self._queued = self._queued + 1 if rtt_ns - (self.base_ns or 0) > QUEUE_NS else 0
 
     def on_connection(self, delay: ConnectionDelay | None, is_waiting: bool, now_ns: int) -> int | None:
-        """What was measured of the connections, and whether frames wait for them; the send buffer that they
-        get, None: the present one."""
+        """Takes a measurement of the connections, and whether frames wait for them; returns the new size
+        of their send buffer, or None to keep it."""
         self._on_opening(is_waiting and delay is None, now_ns)
         if not is_waiting or delay is None:
             self._held = 0

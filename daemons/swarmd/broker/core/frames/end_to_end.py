@@ -41,7 +41,7 @@ class Incoming(msgspec.Struct, frozen=True):
     outgoing: tuple[Frame, ...] = ()
     """Frames of this node to be sent."""
     refusal: str = ""
-    """Why the frame was refused; empty: it was not."""
+    """Reason for which the frame was refused, or "" if it was not."""
 
 
 class EndToEnd:

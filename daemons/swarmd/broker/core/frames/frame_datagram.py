@@ -110,7 +110,7 @@ class DatagramPaths:
     """Neighbours that lose datagrams: a firewall may pass beacons and connections, but not these."""
 
     def __init__(self, burst: int | None = None) -> None:
-        """`burst`: limit of datagrams to a neighbour within `BURST_NS`; None: no limit."""
+        """`burst`: limit of datagrams to a neighbour within `BURST_NS`, or None if unlimited."""
         self._burst = burst
         self._paths: dict[int, _Path] = {}
 

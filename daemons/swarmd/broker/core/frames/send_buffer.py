@@ -47,16 +47,16 @@ class SendBuffer:
         self._longer_ns = 0
         """Part of the round trip above the kernel's minimum by which the way has become longer."""
         self._next_ns: int | None = None
-        """Earliest instant at which it grows again, or begins a trial; None: at once."""
+        """Earliest instant at which it grows again, or begins a trial, or None for at once."""
         self._trial: _Trial | None = None
 
     def queue_ns(self, delay: ConnectionDelay) -> int:
-        """The queue before the link: the round trip above that of the way."""
+        """The queue before the link: the part of the round trip that the path does not explain."""
         self._longer_ns = min(self._longer_ns, delay.excess_ns)
         return delay.excess_ns - self._longer_ns
 
     def on_waiting(self, delay: ConnectionDelay, now_ns: int) -> int | None:
-        """Frames wait for the connections, whose queue is short: their new size; None: the present one."""
+        """Takes that frames wait behind a short queue; returns the new size, or None to keep it."""
         if self._trial is not None:
             return self._end_trial(self._trial, delay, now_ns)
         if self._next_ns is not None and now_ns < self._next_ns:

@@ -124,7 +124,7 @@ class SendQueue:
     def pop_class(self, rank: Priority) -> QueuedFrame:
         """Removes and returns the frame that `peek_class` returned.
 
-        Raises: IndexError when there is none.
+        Raises: IndexError when the class is empty.
         """
         return self._take(self._classes[rank])
 

@@ -40,8 +40,9 @@ class AccessFilter:
     ) -> None:
         """Checks a frame, and adds its authenticated sender and time of arrival.
 
-        `path`: resource to which the frame is addressed; None: no application serves it. `via`: platforms
-        that forwarded it. A user of the sender's computer has the lower one of its role and its platform's.
+        `path`: resource to which the frame is addressed, or None if no application serves it; `via`:
+        platforms that forwarded it. A user of the sender's computer has the lower role of its own and its
+        platform's.
         Raises: Denied; WireError for an invalid extension.
         """
         sender = self._sender(platform)

@@ -19,7 +19,7 @@ Address = tuple[str, int]
 
 
 def member_ids(roster: Roster | None) -> frozenset[int] | None:
-    """Hardware ids of the members; None: no roster."""
+    """Hardware ids of the members, or None without a roster."""
     return None if roster is None else frozenset(hardware_id(member.platform) for member in roster.valid())
 
 
@@ -27,7 +27,7 @@ class DatagramLimiter:
     """Counters of accepted and failed datagrams, reset each second."""
 
     def __init__(self, members: Collection[int] | None) -> None:
-        """`members`: hardware ids on the roster; None: no roster."""
+        """`members`: hardware ids on the roster, or None without a roster."""
         self.members = None if members is None else frozenset(members)
         self._second = 0
         self._non_members = 0

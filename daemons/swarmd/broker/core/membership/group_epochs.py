@@ -1,4 +1,4 @@
-"""Which group key seals the own datagrams, and which keys open those of others, while the key is rotated."""
+"""The group key that seals own datagrams, and the keys that open received ones, during a rotation."""
 
 from typing import Final
 
@@ -41,7 +41,7 @@ class GroupEpochs:
         return True
 
     def opening(self, mark: int, now_ns: int) -> GroupKey | None:
-        """The key that opens datagrams with this mark now; None: no accepted one."""
+        """The key that opens datagrams with this mark now, or None if no key with it is accepted."""
         if mark == self._newest.mark:
             return self._newest
         former = self._former.get(mark)

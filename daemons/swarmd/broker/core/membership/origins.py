@@ -91,7 +91,7 @@ class Origins(Generic[T]):
         return Freshness.CURRENT
 
     def question(self, hw: int, now_ns: int) -> bytes | None:
-        """Payload of the question to an origin; None: it was asked a moment ago."""
+        """Payload of the question to an origin, or None if it was asked a moment ago."""
         asked = self._questions.get(hw)
         if asked is not None and now_ns - asked.sent_ns < QUESTION_NS:
             return None
@@ -137,6 +137,6 @@ def is_check(payload: bytes | memoryview) -> bool:
 
 
 def answer_to(check: bytes) -> bytes | None:
-    """Payload of the answer to a question; None: it is an answer itself."""
+    """Payload of the answer to a question, or None for a check that is an answer itself."""
     kind, session, number = _CHECK.unpack(check)
     return _CHECK.pack(_ANSWER, session, number) if kind == _QUESTION else None

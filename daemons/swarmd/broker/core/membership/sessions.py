@@ -40,7 +40,7 @@ class SwarmMembership(NamedTuple):
     exchange: RosterExchange | None = None
     """Exchange of the roster with neighbours."""
     signing: SigningKeys | None = None
-    """Keys that sign the own beacons and check those of others."""
+    """Keys that sign own beacons and check received beacons."""
     connections: bool = False
     """Whether sessions can be proven over connections."""
     curve_of: Callable[[str], bytes | None] | None = None

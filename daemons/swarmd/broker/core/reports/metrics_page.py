@@ -32,7 +32,7 @@ class MetricFamily(msgspec.Struct, frozen=True):
     name: str
     kind: MetricKind
     unit: str
-    """The last part of its name; empty: a number of things."""
+    """The last part of its name, or "" for a number of things."""
     text: str
     """What it counts."""
     samples: tuple[tuple[Labels, float], ...]

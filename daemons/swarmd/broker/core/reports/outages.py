@@ -19,7 +19,7 @@ SAVE_NS: Final = 500_000_000
 """Shortest time between two saves. Where the processor is short many links fall together: a file for each of
 them would delay the next beacon, and more links would fall."""
 DRAIN_MAX_NS: Final = 60_000_000_000
-"""Time after which a queue that still has frames is that of a link with too much traffic."""
+"""Time after which a queue that still has frames counts as too much traffic for the link."""
 
 CAUSES: Final = {
     LinkEvent.SILENT: OutageCause.SILENT,
@@ -100,7 +100,7 @@ class OutageLog:
         self._look_ns: int | None = None
         self._saved_ns: int | None = None
         self._save_ns: int | None = None
-        """When changes are saved that came too soon after the last save; None: there are none."""
+        """When changes are saved that came too soon after the last save, or None without such changes."""
 
     @property
     def lost(self) -> int:

@@ -36,7 +36,7 @@ from swarmware.types.outage import NodeLinks
 _FULL: Final = 255
 """Quality of a link without loss."""
 _FRAMES_NS: Final = 5_000_000_000
-"""A medium by which packets came in this time is shown as that of the direction to here."""
+"""A medium by which packets came within this time is shown as the medium of incoming frames."""
 _USES: Final = {
     (False, False): MediumUse.NONE,
     (True, False): MediumUse.OUT,
@@ -122,8 +122,8 @@ class NetReport:
         )
 
     def link_qualities(self, now_ns: int) -> list[tuple[int, LinkQuality]]:
-        """Quality of the links that are up and measured, by hardware id of the neighbour: where there are
-        several media, of the one that carries the frames."""
+        """Quality of the links that are up and measured, by hardware id of the neighbour; with several
+        media, the quality of the medium that carries the frames."""
         found: list[tuple[int, LinkQuality]] = []
         for one in self._neighbours.up():
             loss = one.wire_loss
@@ -176,7 +176,7 @@ class NetReport:
         return Routes(tuple(out))
 
     def traffic(self, now_ns: int) -> Traffic:
-        """Table of all traffic counters; those of the connections must be up to date."""
+        """Table of all traffic counters; the caller has brought the counters of connections up to date."""
         counters = self._counters
         lost = 0
         for neighbour in self._neighbours.all():
@@ -247,7 +247,7 @@ class RefusalLine(NamedTuple):
 
 
 class RefusalLog:
-    """Compares the counters of refused input with those of the last line."""
+    """Compares the counters of refused input with their state at the last line."""
 
     def __init__(self) -> None:
         self._logged = dict.fromkeys(HOSTILE, 0)
@@ -255,7 +255,7 @@ class RefusalLog:
         """Instant of the last warning, and of the last other line."""
 
     def on_counters(self, refused: Refused, now_ns: int) -> RefusalLine | None:
-        """The line that is due now; None: nothing was refused since the last one, or that was recent."""
+        """The line that is due now, or None if the last line is recent or nothing was refused since."""
         counts = msgspec.structs.asdict(refused)
         risen = {name: counts[name] - self._logged[name] for name in HOSTILE}
         is_warning = any(risen[name] > 0 for name in CERTAINLY_HOSTILE)

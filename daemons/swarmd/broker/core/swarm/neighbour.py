@@ -147,15 +147,15 @@ class Neighbour:
         self.hears: dict[int, int] = {}
         """Nodes that it lists as received, and the time of its last listing."""
         self.hears_well: set[int] = set()
-        """Those of them that it receives with at least WELL."""
+        """Nodes that it receives with a quality of at least WELL."""
         self.hears_badly: dict[int, int] = {}
-        """Quality of the others."""
+        """Quality of the nodes that it receives with less than WELL."""
         self.media: dict[int, MediumLink] = {}
         """Links by number of their medium, on a node with several media."""
         self.restart(now_ns)
 
     def restart(self, now_ns: int) -> None:
-        """Resets the state of its former session."""
+        """Drops the state of the former session."""
         self.hello = None
         self.clock_us = 0
         self.hears.clear()
@@ -171,7 +171,7 @@ class Neighbour:
         self.period_ns = FIRST_PERIOD_NS
         self.listing_ns = LISTING_NS
         self.answer_ns = 0
-        """Time in which it answers a request for a beacon; 0: it does not, as far as is known."""
+        """Time in which it answers a request for a beacon, or 0 if it is not known to answer."""
         self.revive(now_ns)
 
     def revive(self, now_ns: int) -> None:
@@ -243,7 +243,7 @@ class Neighbour:
     def wire_loss(self) -> float | None:
         """Share of datagrams that were lost on the way, in the worse direction, or None if not measured.
 
-        A datagram that a busy processor sends or receives late is none of them.
+        A datagram that a busy processor sends or receives late does not count as lost.
         """
         expected = min(WINDOW, self.expected)
         lost = expected - (self.window & (1 << expected) - 1).bit_count()
@@ -253,7 +253,7 @@ class Neighbour:
 
     @property
     def quality_out(self) -> int:
-        """Share of our datagrams that it receives, as it reports, in 1/255; 0: it does not."""
+        """Share of own datagrams that it reports as received, in 1/255, or 0 unless the link is up."""
         return self.reported if self.state is LinkState.UP else 0
 
     @property

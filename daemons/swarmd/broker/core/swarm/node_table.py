@@ -73,7 +73,7 @@ class NodeTable:
         return True
 
     def get(self, hw: int) -> KnownNode | None:
-        """Entry of a hardware id; None: its name is unknown."""
+        """Entry of a hardware id, or None if its name is unknown."""
         return self._all.get(hw)
 
     def platform(self, hw: int) -> str:

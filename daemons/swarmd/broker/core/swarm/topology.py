@@ -214,7 +214,7 @@ class Topology:
         self.neighbours.sent(sequence, tx_ns)
 
     def deadline_ns(self) -> int | None:
-        """Instant by which `advance` must be called; None: no deadline."""
+        """Instant by which `advance` must be called, or None without a deadline."""
         return self.neighbours.deadline_ns()
 
 

@@ -95,12 +95,12 @@ class FrameDatagrams:
         self._read_ns = 0
         """When the last datagrams were read."""
         self._sequence = 0
-        """Of all datagrams of this session: no nonce of a pair is used twice."""
+        """Number of the last datagram, counted over all neighbours: no nonce of a pair is used twice."""
         self._urgent_paths = DatagramPaths()
         self._other_paths = DatagramPaths(frame_datagram.BURST)
-        """Of the frames that are not urgent: their receivers are slow more often, which looks like loss."""
+        """Paths of frames that are not urgent: their receivers are slow more often, which looks like loss."""
         self._held: list[_Held] | None = None
-        """Datagrams that wait for the end of `batch`; None: they are sent at once."""
+        """Datagrams that wait for the end of `batch`, or None outside: they are sent at once."""
         self._limiter = DatagramLimiter(member_ids(keys.roster))
         self._loop = asyncio.get_running_loop()
         self._socket = _bound_socket(config, port)
@@ -153,7 +153,7 @@ class FrameDatagrams:
         return True
 
     def send_packet(self, peer: LinkPeer, data: bytes) -> None:
-        """Sends a packet of the reliable link; one that cannot be sent is lost."""
+        """Sends a packet of the reliable link; a packet that cannot be sent counts as lost on the way."""
         seal = self._seal_of(peer) if self._sequence < frame_datagram.SEQUENCE_MAX else None
         if seal is None or not peer.frame_port:
             return

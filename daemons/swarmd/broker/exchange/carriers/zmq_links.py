@@ -131,7 +131,7 @@ class _Connection:
                 self._owner.deny("its key differs from the roster")
 
     def delay(self) -> ConnectionDelay | None:
-        """None: it is not connected, or nothing was measured."""
+        """Round trips of this connection, or None until it is connected and measured."""
         return self._tcp.delay() if self.connected and self._tcp is not None else None
 
     def limit(self, send_bytes: int) -> None:
@@ -186,7 +186,7 @@ class _PeerConnections:
             self.links.events.on_waiting(self.peer)
 
     def delay(self) -> ConnectionDelay | None:
-        """That of the connection with the longer queue."""
+        """Round trips of the connection with the longer queue."""
         found = [one.delay() for one in self._connections.values()]
         return max((one for one in found if one is not None), key=_excess_ns, default=None)
 
@@ -242,7 +242,7 @@ class ZmqLinks:
         self._rebinding: asyncio.TimerHandle | None = None
         self._peers: dict[int, _PeerConnections] = {}
         self.deferred: dict[_PeerConnections, None] | None = None
-        """Connections with frames that wait for the end of `batch`; None: frames are sent at once."""
+        """Connections with frames that wait for the end of `batch`, or None outside of it."""
         self._context = make_context(SOCKETS_MAX)
         # before the first CURVE socket: without an authenticator libzmq accepts every client
         self._zap = Zap(self._context, loop, keys, refused, events.on_unknown_key)
@@ -274,8 +274,7 @@ class ZmqLinks:
         self._router = ZmqSocket(router, loop, self._take)
 
     def _bind_networks(self, router: Socket, config: Config) -> None:
-        """Takes connections on the further networks, too, where the address of the first one is not that of
-        all."""
+        """Takes connections on the further networks, too, unless the address of the first one covers all."""
         if config.bind_address == EVERYWHERE:
             return
         for network in config.network:
@@ -376,7 +375,7 @@ class ZmqLinks:
         return (0, 0) if connections is None else (len(connections.queue), connections.queue.queued_bytes)
 
     def delay(self, hw: int) -> ConnectionDelay | None:
-        """What the kernel measured of the connections to a neighbour; None: nothing, or there are none."""
+        """Round trips of the connections to a neighbour, or None if the kernel has measured none."""
         connections = self._peers.get(hw)
         return None if connections is None else connections.delay()
 

@@ -128,7 +128,7 @@ class TcpCount:
 
 
 def _remote_address(fd: int) -> str | None:
-    """Address of the peer; None: not a TCP connection, or not any more."""
+    """Address of the peer, or None unless the descriptor is a TCP connection."""
     sock = None
     try:
         sock = socket.socket(fileno=fd)  # its family is asked
@@ -149,7 +149,7 @@ def _shut(fd: int) -> None:
 
 def _moved_bytes(fd: int) -> tuple[int, int, int] | None:
     """Bytes sent and received with IP and TCP headers, acknowledgements and repetitions, and the payload that
-    the other end acknowledged; None: not a TCP connection."""
+    the other end acknowledged, or None unless the descriptor is a TCP connection."""
     info = tcp_info(fd)  # only TCP sockets have it
     if info is None:
         return None

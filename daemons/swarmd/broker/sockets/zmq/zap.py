@@ -62,7 +62,7 @@ class Zap:
         socket.send_multipart(reply)
 
     def _judge(self, parts: list[bytes]) -> str | None:
-        """User-Id of the connection, the member's key; None: denied."""
+        """User-Id of the connection, which is the member's key, or None if the connection is denied."""
         if len(parts) != _PARTS or parts[0] != _VERSION or parts[5] != b"CURVE":
             return None
         address, key = parts[3].decode("ascii", "replace"), parts[6]

@@ -28,7 +28,7 @@ class BeaconSignature(msgspec.Struct, frozen=True, gc=False):
     signed_bytes: int
     """Bytes of the body that are signed: all before `value`."""
     clock_high: int
-    """Bits 32 to 47 of the sender's clock in µs, above those of the header."""
+    """Bits 32 to 47 of the sender's clock in µs; the header has the 32 bits below."""
 
 
 def encode_statement(clock_us: int) -> bytes:
@@ -37,7 +37,7 @@ def encode_statement(clock_us: int) -> bytes:
 
 
 def decode(data: bytes, at: int) -> BeaconSignature | None:
-    """The signature in the extra parts from an offset, whose lengths fit the body, or None if there is none.
+    """The signature in the extra parts from an offset, whose lengths fit the body, or None without one.
 
     Raises: WireError when it is cut short, or not the last part.
     """

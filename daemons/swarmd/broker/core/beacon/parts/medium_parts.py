@@ -19,7 +19,7 @@ class MediumListing(NamedTuple):
     medium: int
     """Number of the medium: BLAKE2b-16 of its name, which is the same at both ends."""
     quality: int
-    """Share of the node's datagrams that arrived, in 1/255; 0: it is not received by this medium."""
+    """Share of the node's datagrams that arrived, in 1/255, or 0 if this medium brings none."""
 
 
 def media_bytes(count: int) -> int:

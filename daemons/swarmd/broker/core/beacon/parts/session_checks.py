@@ -91,7 +91,7 @@ def decode_hello_parts(data: bytes, at: int) -> tuple[int, int]:
 def decode(data: bytes, at: int) -> tuple[tuple[SessionCheck, ...], int]:
     """Decodes the extra parts from an offset; returns the checks and their end, perhaps behind the body.
 
-    Raises: struct.error when one is cut short, WireError when there is none.
+    Raises: struct.error when one is cut short, WireError without any check.
     """
     if at >= len(data):
         raise WireError(f"beacon of {len(data)} bytes: its extra parts are missing")

@@ -18,7 +18,7 @@ class Solicitation(NamedTuple):
     """Which neighbours are asked for a beacon, and the time in which the sender answers such a request."""
 
     answer_ms: int
-    """From the arrival of a request to its answer at the latest; 0: it does not answer any."""
+    """Time from the arrival of a request to its answer at the latest, or 0 if the sender answers none."""
     asked: tuple[int, ...] = ()
     """Hardware ids of the neighbours that are to send a beacon soon."""
 
@@ -39,7 +39,7 @@ def encode_solicitation(solicitation: Solicitation) -> bytes:
 
 
 def decode_solicitation(data: bytes, at: int) -> Solicitation | None:
-    """The solicitation in the extra parts from an offset, whose lengths fit the body; None: there is none.
+    """The solicitation in the extra parts from an offset, whose lengths fit the body, or None without one.
 
     Raises: struct.error when it is cut short.
     """

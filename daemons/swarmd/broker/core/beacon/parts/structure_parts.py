@@ -1,4 +1,4 @@
-"""Extra parts of a beacon about trees: the structure of the sender, and questions for those of others."""
+"""Extra parts of a beacon about trees: structure of the sender, and questions for other structures."""
 
 import struct
 from collections.abc import Iterable

@@ -1,7 +1,7 @@
-"""What proves a value of a signed beacon to nodes that did not receive the beacon.
+"""The proof of a value of a signed beacon for nodes that did not receive the beacon.
 
-The sender signs a hash of the whole beacon and the root of a tree of hashes, whose leaves are those of its
-values. A node that relays some of them adds both and the hashes of the other branches.
+The sender signs a hash of the whole beacon and the root of a tree of hashes, whose leaves are the hashes of
+its values. A node that relays some of them adds both and the hashes of the other branches.
 """
 
 import struct
@@ -23,7 +23,7 @@ _PREFIX: Final = b"swarmware beacon signature 2"
 _BODY: Final = b"sw beacon body 2"
 _LEAF: Final = b"sw beacon value2"
 _NODE: Final = b"sw beacon node 2"
-"""Persons of BLAKE2b: the hash of one thing is not that of another."""
+"""Persons of BLAKE2b: a leaf and an inner node with the same bytes have different hashes."""
 _NO_VALUES: Final = bytes(HASH_BYTES)
 
 Span = tuple[int, int]
@@ -117,7 +117,7 @@ def _take(span: Span, leaves: Collection[int], further: bytes, at: int, hashes: 
 
 
 def _complete(span: Span, hashes: dict[Span, bytes]) -> bytes:
-    """Adds the hashes of the branches in a span; returns that of the span."""
+    """Adds the hashes of the branches in a span; returns the hash of the span."""
     known = hashes.get(span)
     if known is None:
         middle = _middle(span)

@@ -7,7 +7,7 @@ from swarmware.errors import WireError
 from swarmware.transport.retransmission.received_numbers import ReceivedNumbers
 
 SPAN_MAX: Final = 4096
-"""Messages between the first incomplete one and the newest one that has begun."""
+"""Messages from the first incomplete message to the newest message with a received piece."""
 BYTES_MAX: Final = 32 * 1024 * 1024
 """Bytes of incomplete messages of one neighbour."""
 

@@ -54,7 +54,7 @@ class ReceivedPackets:
 
     @property
     def due_ns(self) -> int | None:
-        """When the acknowledgement must be sent; None: none is pending."""
+        """When the acknowledgement must be sent, or None if none is pending."""
         return self._due_ns
 
     def present(self, now_ns: int) -> Acknowledgement | None:

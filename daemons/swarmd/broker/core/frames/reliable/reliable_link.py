@@ -47,7 +47,7 @@ FULL: Final = 8
 
 
 class ReliableLink:
-    """Sends frames as pieces in packets until they arrive, and puts those of the neighbour together."""
+    """Sends frames as pieces in packets until they arrive, and joins the pieces of arriving frames."""
 
     def __init__(
         self, hw: int, session: int, rtt_ns: int, loss: float, now_ns: int, base_ns: int | None = None
@@ -239,7 +239,7 @@ class ReliableLink:
         return SendPacket(self.hw, self.session, data)
 
     def deadline_ns(self) -> int | None:
-        """When `on_due` must be called; None: no deadline."""
+        """When `on_due` must be called, or None without a deadline."""
         instants = (self._received.due_ns, self._recovery.deadline_ns(), self._paced_until_ns)
         return min((one for one in instants if one is not None), default=None)
 

@@ -48,7 +48,7 @@ class RosterKeys(Protocol):
 
     @property
     def roster(self) -> Roster | None:
-        """The roster in force; None: no keys were made."""
+        """The roster in force, or None if no keys were made."""
         ...
 
     @property
@@ -78,10 +78,10 @@ class SendRoster(msgspec.Struct, frozen=True):
     platform: str
     payload: bytes
     host: str = ""
-    """Address where the node is not a neighbour; empty: that of its hello."""
+    """Address of a node that is not a neighbour, or "" for the address of its hello."""
     port: int = 0
     curve_public: bytes = b""
-    """Key of a node that was revoked just now; empty: that on the roster."""
+    """Key of a node that was revoked just now, or "" for its key on the roster."""
 
 
 class ApplyRoster(msgspec.Struct, frozen=True):
@@ -124,7 +124,7 @@ class RosterExchange:
         self._before: list[Roster] = []
         self._shown: dict[int, _Shown] = {}
         self._ask_ns: int | None = None
-        """Instant of the next question; None: no neighbour shows a higher version."""
+        """Instant of the next question, or None if no neighbour shows a higher version."""
         self._whole = False
         """A difference did not fit: ask for the whole roster."""
         self._answered_ns: dict[int, int] = {}
@@ -283,7 +283,7 @@ class RosterExchange:
             self._plan_question(now_ns)
 
     def on_text(self, text: bytes, now_ns: int) -> list[RosterAction]:
-        """Take a signed roster of a neighbour or an operator; one that is not newer changes nothing.
+        """Takes a signed roster of a neighbour or an operator; an older or equal one changes nothing.
 
         Raises: ConfigError when it is damaged, Denied when the root did not sign it.
         """

@@ -22,7 +22,7 @@ class SigningKeys(Protocol):
         ...
 
     def sign_public_of(self, platform: str) -> bytes | None:
-        """Public key of a member; None: it is not a valid member."""
+        """Public key of a member, or None for a platform that is not a valid member."""
         ...
 
 
@@ -39,7 +39,7 @@ class OwnSignatures:
     ) -> bytes:
         """The body of a beacon with its signature behind it.
 
-        `clear`: its clear header, whose time is the low half of `clock_us`; `values`: those of the body.
+        `clear`: its clear header, whose time is the low half of `clock_us`; `values`: the values in the body.
         """
         stated = codec.append_statement(body, encode_statement(clock_us))
         leaves = [

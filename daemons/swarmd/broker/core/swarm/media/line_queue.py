@@ -22,17 +22,17 @@ class LineQueue:
         self._byte_ns = BITS * 1_000_000_000 / baud
         self._beacon: bytes | None = None
         self._beacon_from_ns: int | None = None
-        """Earliest instant of the next beacon; None: at once."""
+        """Earliest instant of the next beacon, or None for at once."""
         self._urgent: deque[bytes] = deque()
         self._packets: deque[bytes] = deque()
         self._free_ns: int | None = None
-        """When the line has sent all that was written; None: nothing was."""
+        """When the line has sent all written bytes, or None before the first."""
         self.replaced_beacons = 0
         self.dropped = 0
         """Frames for which there was no room."""
 
     def put_beacon(self, datagram: bytes) -> None:
-        """A beacon waits; an older one that still waits is outdated."""
+        """Takes a beacon to be sent; it replaces a beacon that still waits, which is stale."""
         self.replaced_beacons += self._beacon is not None
         self._beacon = datagram
 
@@ -72,7 +72,7 @@ class LineQueue:
         return self._packets.popleft() if self._packets else None
 
     def deadline_ns(self, now_ns: int) -> int | None:
-        """When `take` has the next frame; None: nothing waits."""
+        """When `take` has the next frame, or None if nothing waits."""
         free_ns = now_ns if self._free_ns is None else max(now_ns, self._free_ns - LEAD_NS)
         if self._urgent or self._packets:
             return free_ns

@@ -30,7 +30,7 @@ class MediumProfile(msgspec.Struct, frozen=True):
     name: str
     carries: Carries = Carries.ALL
     rate_bit_s: float = 0.0
-    """Its rate as it is configured; 0: not known, as that of a radio or network."""
+    """Its configured rate, or 0 if not known, as for a radio or network."""
     has_connections: bool = True
     """ZeroMQ can connect to the addresses of this medium."""
 

@@ -7,16 +7,17 @@ from swarmd.broker.core.swarm.media.arrivals import Arrivals
 from swarmd.broker.core.swarm.media.medium import COST_MAX, PERFECT, Address, MediumProfile
 
 PERIODS: Final = 2.5
-"""Beacon periods without one after which a medium that loses nothing is silent: one may be lost."""
+"""Periods without a beacon after which a medium without loss is silent: one beacon may be lost."""
 PERIODS_MAX: Final = 6.0
-"""The same of one that loses much: at 30 % six losses in a row are one of a thousand."""
+"""Periods without a beacon after which a lossy medium is silent: at a loss of 30 % six losses in a row happen
+once in a thousand beacons."""
 LISTINGS: Final = 5
 """Listings without an answer about this medium after which the neighbour does not receive by it."""
 _FULL: Final = 255
 
 
 class MediumLink:
-    """What is known about one medium to one neighbour."""
+    """The link to one neighbour over one medium."""
 
     __slots__ = (
         "_arrivals",

@@ -88,7 +88,7 @@ class MediumTable:
 
     def is_copy(self, header: Header, by: ByMedium) -> bool:
         """Whether a beacon has no new content: it came over another medium before, or over a payload link,
-        whose neighbours are those of the other media."""
+        which makes no neighbours of its own."""
         if by.medium.carries is Carries.PAYLOAD:
             return True
         known = self._neighbours.get(header.sender_hw)
@@ -175,8 +175,8 @@ class MediumTable:
     # output
 
     def listings(self, now_ns: int, room: int) -> tuple[MediumListing, ...]:
-        """The media by which neighbours are received, for the next beacon, if they are due; those for which
-        it has no room are the first of the next one."""
+        """The media by which neighbours are received, for the next beacon, if they are due; listings without
+        room are the first of the beacon after it."""
         is_due = now_ns - self._listed_ns >= LISTING_NS
         if not is_due and not self._unlisted:
             return ()
@@ -244,5 +244,5 @@ def media_of(own_hw: int, config: Config, neighbours: NeighbourTable) -> MediumT
 
 
 def transport_of(by: ByMedium | None) -> LinkTransport:
-    """Kind of the medium in the counters; None: the only network."""
+    """Kind of the medium in the counters; `by`: None on a node with one network."""
     return LinkTransport.UDP if by is None else by.medium.transport

@@ -77,7 +77,7 @@ class NeighbourTable:
         """When `advance` is due for the neighbours that the last beacons asked; FAR_NS: for none."""
 
     def get(self, hw: int) -> Neighbour | None:
-        """Neighbour of this hardware id in any state; None: unknown."""
+        """Neighbour of this hardware id in any state, or None for an unknown node."""
         return self._all.get(hw)
 
     def all(self) -> list[Neighbour]:
@@ -255,7 +255,7 @@ class NeighbourTable:
             self._event(neighbour, LinkEvent.UNLISTED, now_ns, changes)
 
     def deadline_ns(self) -> int | None:
-        """Instant by which `advance` must be called; None: no deadline."""
+        """Instant by which `advance` must be called, or None without a deadline."""
         return min(
             (min(n.deadline_ns, n.ask_due_ns) for n in self._all.values() if n.state is not LinkState.DOWN),
             default=None,
@@ -285,8 +285,8 @@ class NeighbourTable:
     def echoes(self, now_ns: int, room: int, listing_ns: int) -> tuple[Echo, ...]:
         """Echoes for the next beacon: neighbours not listed for `listing_ns`, the longest waiting first.
 
-        Each answers the datagram that had the smallest delay since the last echo: the one that the
-        estimator of the other side selects.
+        Each echo answers the datagram with the smallest delay since the last echo, which the estimator of
+        the other side would select.
         """
         due: list[Neighbour] = []
         longest: Neighbour | None = None

@@ -72,7 +72,7 @@ class DestinationRoutes:
         self.metric = INFINITY
         self.sequence = 0
         self.limit_sequence = -1
-        """Feasibility distance, with `limit_metric`; -1: nothing advertised yet."""
+        """Feasibility distance, with `limit_metric`, or -1 before the first advertisement."""
         self.limit_metric = INFINITY
         self.known_ns = now_ns
         self.changed_ns = now_ns

@@ -336,7 +336,7 @@ class RoutingTable:
     # queries
 
     def next_hop(self, hw: int) -> int:
-        """Next hop to a node; 0: no route."""
+        """Next hop to a node, or 0 without a route."""
         destination = self._destinations.get(hw)
         return destination.via if destination is not None else 0
 
