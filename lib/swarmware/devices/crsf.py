@@ -93,6 +93,7 @@ class CrsfDecoder:
             if len(self._open) < 2:
                 return
             length = self._open[1]
+            # the sync byte was data: search on behind it
             if not 2 <= length <= _LENGTH_MAX:
                 self.refused["length out of range"] += 1
                 del self._open[0]
@@ -123,11 +124,13 @@ def _content(body: bytes) -> RcChannels | RcLink | None:
     if kind == _CHANNELS_TYPE:
         if len(payload) != _CHANNELS_BYTES:
             raise WireError(f"channels of {len(payload)} bytes, expected {_CHANNELS_BYTES}")
+        # eleven bits a channel, the first one in the lowest bits
         packed = int.from_bytes(payload, "little")
         ticks = (packed >> i * _BITS & 0x7FF for i in range(CHANNELS))
         return RcChannels(tuple(min(max((tick - _CENTRE) / _HALF, -1.0), 1.0) for tick in ticks))
     if kind == _LINK_TYPE:
         if len(payload) < _LINK_BYTES:
             raise WireError(f"link of {len(payload)} bytes, expected {_LINK_BYTES}")
+        # some receivers report more than 100 %
         return RcLink(min(payload[2], 100) / 100)
     return None

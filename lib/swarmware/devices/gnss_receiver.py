@@ -74,6 +74,7 @@ class ReceiverDecoder:
         if noise.strip() and not self._in_noise:
             self.refused[NO_SENTENCE] += 1
         if noise:
+            # noise that ends with a line counts once; the next noise is another one
             self._in_noise = noise[-1:] not in {b"\r", b"\n"}
             del self._open[: len(noise)]
         return start is not None

@@ -38,9 +38,11 @@ def cobs(data: bytes) -> bytes:
     blocks = data.split(b"\0")
     for number, block in enumerate(blocks):
         rest = block
+        # a full block has no zero behind it, which its code 0xFF states
         while len(rest) >= _BLOCK:
             out += b"\xff" + rest[:_BLOCK]
             rest = rest[_BLOCK:]
+        # a full block at the end of the data needs no empty one
         if rest or not block or number < len(blocks) - 1:
             out += bytes([len(rest) + 1]) + rest
     return bytes(out)
@@ -61,6 +63,7 @@ def uncobs(data: bytes) -> bytes:
             raise WireError("COBS: a block is cut short")
         out += block
         at += code
+        # the zero that the block stands for; the last block has none
         if code < 0xFF and at < len(data):
             out.append(0)
     return bytes(out)
@@ -97,6 +100,7 @@ class FrameDecoder:
 
     def _collect(self, part: bytes) -> None:
         self._open += part
+        # noise without a delimiter must not fill the memory
         if len(self._open) > self._longest:
             self._open.clear()
             self._overlong = True

@@ -45,6 +45,7 @@ def frame(imu: Imu) -> bytes:
 def measurement(body: bytes) -> Imu:
     """The values of a frame without header and CRC. Raises: WireError."""
     yaw_deg, pitch_deg, roll_deg, wx, wy, wz, ax, ay, az = _BODY.unpack(body)
+    # forward, right, down to forward, left, up
     rates, forces = (wx, -wy, -wz), (ax, -ay, -az)
     valid = all(abs(angle) <= 360 for angle in (yaw_deg, pitch_deg, roll_deg))
     valid = valid and all(abs(rate) <= _RATE_MAX_RAD_S for rate in rates)
@@ -85,6 +86,7 @@ class VectorNavDecoder:
                 imu = self._measurement(found)
             except WireError as error:
                 self.refused[str(error)] += 1
+                # only the first byte: a valid frame may begin inside of the refused one
                 del self._open[0]
                 continue
             del self._open[:FRAME_BYTES]
@@ -94,6 +96,7 @@ class VectorNavDecoder:
     def _measurement(self, found: bytes) -> Imu:
         if not found.startswith(_HEADER):
             raise WireError("another output: expected group 1 with the fields 0x0128")
+        # with its own CRC at the end a body has the remainder 0
         if binascii.crc_hqx(found[1:], 0) != 0:
             raise WireError("CRC wrong")
         return measurement(found[len(_HEADER) : -_CRC.size])

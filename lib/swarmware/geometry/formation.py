@@ -77,10 +77,12 @@ class FormationSlots:
             return _rigid(leader, offset_m)
         forward, left, up = offset_m
         s = self.course.project(leader.x_m, leader.y_m, self._near_m)
+        # the next search begins here: a course may pass the same place twice
         self._near_m = s
         clipped = min(max(s, 0.0), self.course.length_m)
         here = self.course.at(clipped)
         speed = 0.0
+        # before and behind the course the slots are at rest
         if s == clipped:
             cos, sin = math.cos(here.heading_rad), math.sin(here.heading_rad)
             across = (leader.y_m - here.y_m) * cos - (leader.x_m - here.x_m) * sin
@@ -97,6 +99,7 @@ class FormationSlots:
         forward, left, up = offset_m
         point = self.course.at(s_m + forward)
         cos, sin = math.cos(point.heading_rad), math.sin(point.heading_rad)
+        # inside of a curve that is tighter than the offset the slot would run backwards
         stretch = max(0.0, 1 - point.curvature_1_m * left)
         speed = speed_m_s * stretch
         return Slot(

@@ -62,6 +62,7 @@ class LocalMap:
         # meridians converge: a degree of longitude is shorter to the north
         east = turn * self._per_lon_m * (1 - self._tan_lat * north / SEMI_MAJOR_M)
         north += self._tan_lat * east * east / (2 * SEMI_MAJOR_M)
+        # the surface falls away from the tangent plane: 8 cm at 1 km
         drop = (east * east + north * north) / (2 * SEMI_MAJOR_M)
         return east, north, alt_ellipsoid_m - self._origin.alt_ellipsoid_m - drop
 

@@ -57,6 +57,7 @@ def substitute(value: Any, pointer: str, binding: Binding, declared: dict[str, P
 
 
 def _text(value: str, pointer: str, binding: Binding, declared: dict[str, ParamValue]) -> Any:
+    # most texts have no variable, and need no search
     if "$" not in value:
         return value
 
@@ -73,6 +74,7 @@ def _text(value: str, pointer: str, binding: Binding, declared: dict[str, ParamV
             raise Unbound(pointer, f"variable ${name}: unknown; expected {names} or $param.<name>")
         return found
 
+    # a text that is only a variable becomes a value of its type, such as a number
     whole = _NAME.fullmatch(value)
     if whole:
         return resolve(whole[1])
@@ -81,5 +83,6 @@ def _text(value: str, pointer: str, binding: Binding, declared: dict[str, ParamV
 
 def _as_text(value: ParamValue) -> str:
     if isinstance(value, bool):
+        # as JSON writes it, not as Python does
         return "true" if value else "false"
     return str(value)

@@ -35,6 +35,7 @@ def installed() -> Catalogue:
 
 def installed_blocks() -> InstalledBlocks:
     """The blocks of installed packages; an invalid block is left out, and stops no other."""
+    # a package must not replace a built-in block, which missions of others rely on
     owners = dict.fromkeys((block.name for block in BLOCKS), "built-in")
     classes: dict[str, type] = {}
     types: list[BlockType] = []
@@ -67,6 +68,7 @@ def _loaded(point: EntryPoint) -> _Block | str:
     spec = getattr(cls, "spec", None)
     if not isinstance(cls, type) or not isinstance(spec, BlockType):
         return f"expected {_CLASS}"
+    # found now: at run time it would fail in the air
     if not iscoroutinefunction(getattr(cls, "run", None)):
         return f"run: expected {_CLASS}"
     return _invalid(spec) or _Block(cls, spec)
@@ -93,6 +95,7 @@ def _invalid(spec: Any) -> str:
             return f'spec.{key} {words!r}: expected a tuple of texts, such as ("a", "b")'
     if unknown := [kind for kind in spec.kinds if kind not in set(PlatformKind)]:
         return f"spec.kinds: unknown kind {str(unknown[0])!r}; expected some of {_list(PlatformKind)}"
+    # the player executes those itself; a block of a package always takes a task
     if spec.control or spec.instant:
         return "spec.control and spec.instant: only built-in blocks have them; expected False"
     timeout_s = spec.timeout_s

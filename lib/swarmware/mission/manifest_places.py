@@ -69,6 +69,7 @@ class ManifestPlaces:
 
     def with_origin(self, finding: Finding, role: RoleSpec, text: str) -> Finding:
         """The finding, at its place in the manifest when its cause is a value that the manifest gives."""
+        # only values of parameters come from the manifest
         if not self._folder.manifest_text or finding.rule not in {"param-type", "param"}:
             return finding
         try:
@@ -102,6 +103,7 @@ class ManifestPlaces:
     def _finding(self, path: KeyPath, rule: str, message: str, severity: Severity = "error") -> Finding:
         if self._lines is None:
             text = self._folder.manifest_text
+            # the lines of a huge text are not worth the time: the finding then names the key alone
             self._lines = toml_lines(text) if len(text) <= LINES_LIMIT else {}
         line = line_of(self._lines, path)
         file = self._folder.place(MANIFEST)

@@ -96,6 +96,7 @@ def build(mission: MissionDefinition, faults: Faults = Faults.HANDLED) -> Net:
     transitions: list[Transition] = []
     for block in mission.blocks.values():
         inputs = frozenset(places[block.id] if block.id in joins else {block.id})
+        # a Join that nothing leads to never fires
         if not inputs:
             continue
         if block.type == BlockName.END:
@@ -109,6 +110,7 @@ def build(mission: MissionDefinition, faults: Faults = Faults.HANDLED) -> Net:
                 for edge in block.edges
                 if faults is not Faults.NONE
                 or edge.outcome.kind in _FAULTLESS
+                # a barrier may break without a fault of this member
                 or block.type == BlockName.BARRIER
             ]
             if faults is Faults.ALL and _can_fail(block):
@@ -157,11 +159,13 @@ class Bits:
             inputs = sum(bit[place] for place in transition.inputs)
             outputs = twice = 0
             for place in transition.outputs:
+                # a second token in a place is a finding, which a bit cannot hold
                 twice |= outputs & bit[place]
                 outputs |= bit[place]
             labels = (transition.label, *transition.path)
             passes = transition.passes | {transition.block}
             step = Firing(transition.block, transition.outcome, labels, inputs, outputs, twice, passes)
+            # the lowest input stands for all, so each transition is tried once
             self._by_bit.setdefault(inputs & -inputs, []).append(step)
         self.of: dict[str, Marking] = {}
         """Places of each block."""

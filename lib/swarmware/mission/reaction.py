@@ -59,10 +59,12 @@ class ReactionRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
                     parse(text)
                 except InvalidInput as error:
                     raise InvalidInput(f"reaction {self.name}, key {key}: {error}") from error
+        # an action that is not possible needs another one, else nothing would happen
         if (self.possible is None) != (self.otherwise is None):
             raise InvalidInput(
                 f"reaction {self.name}: `possible` and `otherwise` belong together; expected both or none"
             )
+        # the fallback is for a worse case, so it must do more
         if self.otherwise is not None and STRENGTH[self.otherwise] <= STRENGTH[self.action]:
             stronger = [action for action in STRENGTH if STRENGTH[action] > STRENGTH[self.action]]
             expected = f"one of {', '.join(stronger)}" if stronger else "none: no action is stronger"

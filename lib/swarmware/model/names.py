@@ -127,6 +127,7 @@ def check_path(path: str) -> str:
         raise InvalidInput(f"path {path[:40]!r}…: {len(path)} characters, expected at most {PATH_LIMIT}")
     computer, dot, unit = segments[0].partition(".")
     if dot and path.startswith("/") and _PLATFORM.match(unit):
+        # the only dot of a path: the unit of a computer, which has its own check
         segments[0] = computer
     for segment in segments:
         if not _SEGMENT.match(segment):
@@ -160,6 +161,7 @@ def join(platform: str, local: str) -> str:
 
 def natural(name: str) -> tuple[str | int, ...]:
     """Sort key under which uav2 comes before uav10."""
+    # split puts texts and numbers in turn, so that keys of two names are comparable
     return tuple(int(part) if part.isdigit() else part for part in _NUMBER.split(name))
 
 
@@ -293,6 +295,7 @@ def _alternatives(text: str, segment: str, of_computers: bool) -> list[str]:
             open_[-1] = [""]
         elif char == "}" and len(done) > 1:
             inner = done.pop() + open_.pop()
+            # before they are multiplied: nested braces grow exponentially
             if len(inner) * len(open_[-1]) > ALTERNATIVES_LIMIT:
                 raise InvalidInput(
                     f"pattern {text!r}: {segment!r} has too many alternatives; expected at most"

@@ -42,6 +42,7 @@ class Recipient:
         if self._is_fixed:
             return self._default
         platform = self.platform or self._own
+        # most platforms have one computer, and need no search for the right one
         if not self._units.has_several(platform):
             return self._default
         if self.platform is None:
@@ -115,6 +116,7 @@ class Addressing:
 
     def parts(self, frame: Frame) -> Iterator[Frame] | None:
         """The frames of the parts of a message or request, or None if one frame is enough."""
+        # inside a node a large frame costs nothing; on a link it would block others
         is_split = frame.kind is not FrameKind.REQUEST and frame.receiver_hw != self._hardware
         limit = SPLIT_BYTES if is_split else PAYLOAD_LIMIT
         if len(frame.payload) <= limit:

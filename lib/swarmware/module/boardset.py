@@ -48,8 +48,10 @@ class BoardSet(Mapping[str, BoardReader[T]], Generic[T]):
         if folder_ns == self._folder_ns:
             return
         self._folder_ns = folder_ns
+        # only when the folder has changed: a walk at each access would cost more than the reading
         for folder in self._node.shm_dir.iterdir():
             name = folder.name
+            # mirrors of the own platform come from its other computers, which are not other platforms
             own = name in {self._node.platform, self._node.address.path}
             if name in self._readers or own or not self._platforms.matches(name):
                 continue
@@ -77,6 +79,7 @@ class BoardSet(Mapping[str, BoardReader[T]], Generic[T]):
 
     def poll(self) -> None:
         """The doorbell has rung: wake the waiting tasks if a board has changed."""
+        # without a waiting task the boards are read later anyway
         if self._wakeup.awaited and self._has_news():
             self._wakeup.notify()
 

@@ -123,11 +123,13 @@ class Client:
         for task in list(self._running):
             task.cancel()
         try:
+            # without the error: it is raised by the block itself, and the group would wrap it
             await member.tasks.__aexit__(None, None, None)
         finally:
             self._close_resources()
             member.participant.close()
             self.node.close()
+            # last: a second signal during the cleanup must not interrupt it
             member.leave_signals(kind)
 
     def _close_resources(self) -> None:
@@ -235,6 +237,7 @@ class Client:
         appear."""
         from swarmware.module.boardset import BoardSet
 
+        # before the interest is stated: an invalid pattern must not reach the application file
         boards = BoardSet(self.node, pattern, lambda path: self._board(path, cls))
         self._member.participant.read(pattern)
         return self._track(boards)
@@ -286,6 +289,7 @@ class Client:
     def _interest(self, path: str, within_s: float | None = None) -> str:
         participant = self._member.participant
         local = participant.local(path)
+        # resources that each computer has for itself are never fetched from another one
         if local.startswith("/") or not names.has_unit_branch(local):
             participant.read(local, within_s)
         return local
@@ -316,6 +320,7 @@ class Client:
             raise InvalidInput(f"{path}: a message of kind {kind.name.lower()}; expected one of {taken}")
         member = self._member
         address = member.addressing.address(path, type(value))
+        # at once, and with the expected type, which a later hop does not know
         if address.platform is None and (error_text := address.mismatch()):
             return Outcome(Status.REFUSED, self.platform, error_text)
         frame = member.addressing.frame(kind, address, value, timeout_s)

@@ -45,6 +45,7 @@ class Server:
 
     def on_request(self, frame: Frame, respond: Callable[[Reply], None]) -> None:
         """Take a received request, from the router."""
+        # refused at once: a waiting caller would repeat its request and add to the load
         if self._in_work >= IN_WORK_LIMIT:
             respond(Reply(False, kind="NoAnswer", error=f"{self.path}: {IN_WORK_LIMIT} requests in work"))
             return
@@ -56,6 +57,7 @@ class Server:
         except Exception as error:  # noqa: BLE001 - the RPC server: every error of a handler is a reply to its caller
             respond(self._failed(error))
             return
+        # most handlers answer at once, and need no task
         if inspect.isawaitable(result):
             self._in_work += 1
             self._start(self._finish(result, respond), f"serve {self.path}")
@@ -63,6 +65,7 @@ class Server:
             respond(Reply(True, registry.encode(result)))
 
     async def _finish(self, result: Awaitable[msgspec.Struct], respond: Callable[[Reply], None]) -> None:
+        # sent by `finally` if the handler is cancelled
         answer = Reply(False, kind="NoAnswer", error=f"{self.path}: the application ends")
         try:
             answer = Reply(True, registry.encode(await result))
@@ -74,6 +77,7 @@ class Server:
 
     def _failed(self, error: Exception) -> Reply:
         if isinstance(error, SwarmError):
+            # a subclass of an application is unknown to the caller: its nearest known base is sent
             kind = next(cls.__name__ for cls in type(error).__mro__ if cls.__name__ in KINDS)
             return Reply(False, kind=kind, error=str(error))
         log.error("request %s: the handler failed", self.path, exc_info=error)

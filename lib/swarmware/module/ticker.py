@@ -56,6 +56,7 @@ class Ticker:
         self._stage = stage
         self._phase_ns = phase_ns
         now_ns = clock.now_ns()
+        # the last multiple before now: all tickers of a period share their instants
         self._start_ns = now_ns - (now_ns - phase_ns) % self._period_ns
         self._count = 0
         self.missed = 0
@@ -71,6 +72,7 @@ class Ticker:
         self._count += 1
         late_ns = self._clock.now_ns() - (self._start_ns + self._count * self._period_ns)
         if late_ns > self._period_ns:
+            # skipped, not made up: a burst of late ticks would only delay others
             skipped = late_ns // self._period_ns
             self._count += skipped
             self.missed += skipped

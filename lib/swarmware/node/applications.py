@@ -138,6 +138,7 @@ class Applications:
             elif before != entry:
                 events.append(ApplicationEvent(Change.CHANGED, entry))
         for subscription in self._subscriptions:
+            # collected here, so that a subscriber that is called later misses none
             subscription.pending += events
         if events and not self._comes:
             self._comes = True
@@ -148,6 +149,7 @@ class Applications:
 
     def _deliver(self) -> None:
         self._comes = False
+        # a copy: a subscriber may end its subscription in the call
         for subscription in tuple(self._subscriptions):
             events, subscription.pending = subscription.pending, []
             if events:

@@ -194,6 +194,7 @@ class Node:
 
     def watch(self, watcher: Watcher) -> None:
         """Call the watcher whenever the doorbell rings."""
+        # a dict keeps the order of registration, which a set would not
         self._watchers[watcher] = None
 
     def unwatch(self, watcher: Watcher) -> None:
@@ -221,6 +222,7 @@ class Node:
     def _on_bell(self) -> None:
         self.doorbell.drain()
         self._look_for_rings()
+        # a copy: a watcher may add or remove others
         for watcher in tuple(self._watchers):
             watcher.poll()
 

@@ -116,14 +116,17 @@ class SegmentWriter:
 
         Raises: BufferFull when the write buffer is full.
         """
+        # before a sequence number is used: a refused entry must not leave a gap
         if self._out.pending_bytes > BUFFER_LIMIT:
             raise BufferFull(f"{self.path}: write buffer full, {self._out.pending_bytes} bytes")
         number = self._channels.get(channel)
         copy = b""
         if number is None:
             number, copy = self._register(channel)
+        # viewers of MCAP show this stamp as UTC; readers of this project subtract the offset again
         sent_ns = stamp_ns + (self._offset_ns or 0)
         self._writer.add_message(number, sequence, utc_ns, sent_ns % _U64, payload)
+        # behind the entry: damage rarely covers both places
         self._out.write(copy)
         if self._offset_copy:
             self._offset_copy = False
@@ -140,6 +143,7 @@ class SegmentWriter:
 
     def _register(self, channel: LogChannel) -> tuple[int, bytes]:
         """Channel id, and a copy of the record: without it damage to the first would lose the channel."""
+        # modules may describe one type name in different ways
         described = channel.type, channel.description
         schema_id = self._schemas.get(described)
         if schema_id is None:
@@ -255,6 +259,7 @@ class SegmentReader:
                     self._count(scan.damaged_bytes - passed)
                     passed = scan.damaged_bytes
                 self.read_bytes, scan.read_bytes = self.read_bytes + scan.read_bytes, 0
+                # what follows is the summary, which repeats the channels
                 if record.opcode in (DATA_END, FOOTER):
                     self.ended = True
                     return
@@ -281,10 +286,12 @@ class SegmentReader:
     def _entry(self, record: Record, file: BinaryIO, size: int) -> LogEntry | None:
         number, sequence, utc_ns, sent_ns = MESSAGE.unpack_from(record.body)
         channel = self._channels.get(number)
+        # both records of the channel are damaged: a finished file has a third one at its end
         if channel is None and not self._summary_read:
             self._summary_read = True
             self._channels = _summary_channels(file, size) | self._channels
             channel = self._channels.get(number)
+        # an instant beyond 2262 is damage, and would break the order of the entries
         if channel is None or utc_ns >= _I64:
             self._count(record.end - record.start)
             return None
@@ -311,6 +318,7 @@ class SegmentReader:
         if last is None and self.sound:
             last = self.counters.get(queue, 0)
         if last is not None:
+            # no more entries are missing than fit into the damaged bytes
             room = (self.damaged_bytes - self._room.get(queue, 0)) // _SMALLEST
             if not last < sequence <= last + 1 + room:
                 self._count(record.end - record.start)
@@ -324,6 +332,7 @@ class SegmentReader:
         if found is None:
             self._count(RECORD.size + len(body))
         else:
+            # the first record counts; the copy is only for the case that it is damaged
             self._channels.setdefault(*found)
 
     def _read_numbers(self, body: bytes) -> None:
@@ -347,6 +356,7 @@ class SegmentReader:
             found: dict[str, dict[str, int]] = {}
             for body in places:
                 offset, length = int.from_bytes(body[:8], "little"), int.from_bytes(body[8:16], "little")
+                # offsets in a damaged index may lie anywhere
                 if length > size or offset > size or FINAL.encode() not in body[16:]:
                     continue
                 file.seek(offset)

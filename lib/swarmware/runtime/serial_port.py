@@ -63,6 +63,7 @@ class SerialPort:
 
     def _prepare(self, baud: int) -> None:
         try:
+            # two readers of one line would each get half of the bytes
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise Conflict(f"{self.path}: another process has it open") from None
@@ -75,6 +76,7 @@ class SerialPort:
             fcntl.ioctl(self._fd, _SET_MODE, _MODE.pack(0, 0, control, 0, 0, characters, baud, baud))
         except OSError as error:
             raise InvalidInput(f"{self.path}: no serial line of {baud} baud: {error.strerror}") from error
+        # what arrived before, at another rate, is noise
         termios.tcflush(self._fd, termios.TCIFLUSH)
 
     def _readable(self) -> None:

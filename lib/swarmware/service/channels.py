@@ -50,6 +50,7 @@ class ChannelEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         rule.settings.check()
         if rule.settings == NO_SETTINGS:
             raise InvalidInput(f"channel {self.pattern!r}: expected a setting, such as max_hz or compression")
+        # RTP goes to one receiver; beacons to all cannot carry it
         if rule.settings.is_video and not self.link:
             raise InvalidInput(f"channel {self.pattern!r}: video goes to platforms; expected link")
 

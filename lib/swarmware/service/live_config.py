@@ -88,8 +88,10 @@ class LiveConfig(Generic[C]):
         applied: dict[str, Plain] = {}
         for key, board in self._boards.items():
             value = board.value
+            # by identity: equal values are written again after a restart, and must be stated again
             if value is None or value is self._taken[key]:
                 continue
+            # taken in any case, so that an older value is not examined again
             self._taken[key] = value
             if (board.stamp_ns or 0) >= self._since_ns:
                 config = with_value(config, key, value.value)

@@ -28,6 +28,7 @@ class VirtualTime:
 
     def at(self, when_ns: int, event: Callable[[], None]) -> None:
         """Schedule an event at an instant; a past one happens next."""
+        # the number keeps simultaneous events in order, and events need not be comparable
         heapq.heappush(self._events, (max(when_ns, self.now_ns), next(self._order), event))
 
     def after(self, delay_s: float, event: Callable[[], None]) -> None:
@@ -174,6 +175,7 @@ class VirtualSwarm(VirtualTime, Generic[Name]):
                 self._carry(sender, receiver, data)
 
     def _carry(self, sender: Name, receiver: Name, data: bytes) -> None:
+        # before a random number is drawn: a broken link must not change the others' numbers
         if not self.link(sender, receiver):
             return
         if self.random.random() < self.loss:

@@ -232,6 +232,7 @@ class Master:
         self._node.unlisten(self._apps_table)
         self._published = None
         if self._board is not None:
+            # the table stays readable until the next master replaces it
             self._board.close(unlink=False)
             self._board = None
 
@@ -251,6 +252,7 @@ class Master:
             except Conflict:
                 self._timer = self._loop.call_later(BUSY_S, self._publish)
                 return
+        # also for a table without a change, which was computed all the same
         self._published_s = self._loop.time()
         table = self.table(full=False)
         content = (table.epoch, table.master, table.applications, table.omitted)
@@ -304,6 +306,7 @@ class Master:
             except OSError:
                 continue  # removed meanwhile
             try:
+                # the lock shows that its application is dead; the path, that no other has taken it over
                 if try_lock(fd) and stands_at(fd, path):
                     set_aside(path)
                     removed = True

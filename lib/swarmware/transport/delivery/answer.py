@@ -87,6 +87,7 @@ def expired_here(frame: Frame, now_ns: int, conversion: Conversion | None) -> bo
     the conversion counts against the message. Without a conversion (None) the sender's clock is unknown.
     """
     lifetime = lifetime_ns(frame.extension)
+    # an unknown clock must not make every message expire
     if lifetime is None or conversion is None or conversion.suspect:
         return False
     over_ns = conversion.to_local(frame.stamp_ns + lifetime)

@@ -65,6 +65,7 @@ class BitrateControl:
     def pin(self, bit_s: int, pinned: bool, now_ns: int) -> None:
         """An operator sets the rate; `pinned`: it stays, else it is the highest."""
         self.max_bit_s, self.pinned = bit_s, pinned
+        # an adaptive rate starts where it is: the link has not changed
         rate = bit_s if pinned else min(self.bit_s, bit_s)
         self._set(rate, "pinned" if pinned else "adaptive", now_ns)
 
@@ -114,11 +115,13 @@ class BitrateControl:
     def _received_bit_s(self, now_ns: int) -> float:
         while self._received and self._received[0][0] < now_ns - MEASURED_NS:
             self._received_bytes -= self._received.popleft()[1]
+        # one packet has no rate
         if len(self._received) < 2:
             return 0.0
         return self._received_bytes * 8e9 / MEASURED_NS
 
     def _set(self, bit_s: int, reason: str, now_ns: int, *, is_rise: bool = False) -> None:
+        # an operator's maximum may be below the minimum of the source
         bit_s = max(min(bit_s, self.max_bit_s), min(self._min_bit_s, self.max_bit_s))
         self._changed_ns = now_ns
         if bit_s == self.bit_s and self.changes:

@@ -104,6 +104,7 @@ class LargeRequests:
 
         outcome = self._parts.on_frame(frame, take, now_ns)
         if whole:
+            # assembled from parts, it is served as one frame
             return whole[0]
         if outcome:
             return Reply(True, kind=TAKEN)
@@ -112,9 +113,11 @@ class LargeRequests:
     def on_reply(self, frame: Frame, reply: Reply, now_ns: int) -> Reply:
         """The reply to a request as it is sent: whole if it fits a frame."""
         size = len(reply.body)
+        # a reply that is too large is refused by the router, with a reason
         if size <= REPLY_MAX or size > VALUE_LIMIT:
             return reply
         self._forget(now_ns)
+        # the oldest goes first: its caller has most likely given up
         while self._held and self._held_bytes + size > self._held_limit:
             self._drop(next(iter(self._held)))
         self._held[_origin(frame, frame.sequence)] = _HeldReply(reply.body, now_ns)
@@ -125,6 +128,7 @@ class LargeRequests:
         held = self._held.get(_origin(frame, sequence))
         if held is None:
             return Reply(False, kind="NoAnswer", error="the reply is no longer held")
+        # a slow link must not lose the reply between two of its parts
         held.touched_ns = now_ns
         return Reply(True, held.body[number * PART_BYTES : (number + 1) * PART_BYTES])
 

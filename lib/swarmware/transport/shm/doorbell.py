@@ -52,11 +52,13 @@ def open_sender(path: Path) -> int | None:
     try:
         fd = os.open(path, os.O_WRONLY | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOFOLLOW)
     except OSError as error:
+        # no owner, or something else in its place: neither can be rung
         if error.errno in {errno.ENXIO, errno.ENOENT, errno.ENOTDIR, errno.ELOOP, errno.EISDIR}:
             return None
         if error.errno in {errno.EACCES, errno.EPERM}:
             raise Denied(f"{path}: no permission to ring this doorbell") from error
         raise
+    # after the opening: a check before it could be outrun
     if stat.S_ISFIFO(os.fstat(fd).st_mode):
         return fd
     os.close(fd)
@@ -106,6 +108,7 @@ class Doorbell:
             share(self.path, self.folder, 0o660)
             former = self.fd
             self.fd, self._capacity_bytes = self._open()
+        # after the new one is open: its number must not be given to another file meanwhile
         os.close(former)
         return self.path
 

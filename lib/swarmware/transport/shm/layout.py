@@ -124,6 +124,7 @@ def write_header(words: memoryview, geometry: Geometry, *, nonce: int, epoch: in
     words[W_NONCE] = nonce
     words[W_EPOCH] = epoch
     words[W_FIRST] = first
+    # after the words that it covers
     words[W_STATIC_CRC] = static_crc(words)
     words[W_NEWEST] = first
 
@@ -137,6 +138,7 @@ def read_header(words: memoryview, file_bytes: int, where: Path) -> Geometry:
         raise WireError(f"{where}: not a ring, expected a file that starts with SWARMRNG")
     if words[W_VERSION] != VERSION:
         raise WireError(f"{where}: ring layout {words[W_VERSION]}, expected {VERSION}")
+    # before the numbers are used as sizes and offsets
     if words[W_STATIC_CRC] != static_crc(words):
         raise WireError(f"{where}: the header of the ring is damaged")
     geometry = Geometry(words[W_SLOTS], words[W_SLOT_BYTES])
@@ -153,6 +155,7 @@ def read_owner(words: memoryview) -> Owner:
     """The owner in the header; pid 0 while it is being written."""
     pid = words[W_PID]
     owner = Owner(pid, words[W_START], words[W_BOOT_HIGH] << 64 | words[W_BOOT_LOW])
+    # read twice: a change in between shows in the pid, which is written last
     return owner if words[W_PID] == pid else Owner(0, 0, 0)
 
 

@@ -83,6 +83,7 @@ class RingWriter:
         Raises: OutOfRange when it is longer than a slot, Conflict while a slot is on loan.
         """
         if type(data) is memoryview:
+            # a view of other items would have another length than its bytes
             data = data.cast("B")
         length = len(data)
         if length > self.slot_bytes or self._loan is not None:
@@ -172,6 +173,7 @@ class RingWriter:
             size = found.st_size
         else:
             return False
+        # a truncated file: touching its lost pages would end the process
         if size != len(self._map):
             return False
         return self._map[: layout.STATIC_BYTES] == self._static and self._words[_NEWEST] == self._sequence
@@ -205,6 +207,7 @@ class RingWriter:
         if self._map.closed:
             return
         self.abandon()
+        # pid 0 shows an orderly end, so that the next writer need not check a process
         layout.write_owner(self._words, Owner(0, 0, 0))
         if unlink:
             self._unlink()
