@@ -7,6 +7,7 @@ because a fork would break or inherit them. Its stdin is a pipe from the parent 
 ends with the parent; a server that several nodes share stays until the last forked process has ended.
 """
 
+import ctypes
 import gc
 import os
 import select
@@ -151,8 +152,6 @@ class ForkServer:
             data, files, _, _ = socket.recv_fds(asking, REQUEST_BYTES, _FILES, socket.MSG_CMSG_CLOEXEC)
             order = ForkRequest.parse(data)
             output, errors, network = files
-            if _is_other_network(network):
-                import ctypes  # noqa: F401  # imported once here, shared by all forked processes
             pid = None if _closed(asking) else os.fork()
             if pid == 0:
                 self._become(order, output, errors, network)
@@ -233,8 +232,6 @@ def _is_other_network(network: int) -> bool:
 
 def _enter_network(network: int) -> None:
     """Moves this process to another network namespace. Raises: OSError."""
-    import ctypes
-
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.setns(network, _NEW_NETWORK):
         number = ctypes.get_errno()

@@ -5,16 +5,13 @@ from __future__ import annotations
 import os
 import time
 
+from swarmware.footprint.annotations import Final
+from swarmware.footprint.plain import signal
 from swarmware.runtime.backoff import RestartPolicy
 from swarmware.runtime.pidfd import ProcessHandle
-from swarmware.runtime.plain import signal
 from swarmware.service.fork_client import FOLDER, SOCKET
 from swarmware.service.notify import remove_file
 from swarmware.service.starting import environment, start
-
-TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
-if TYPE_CHECKING:
-    from typing import Final
 
 _NS: Final = 1_000_000_000
 

@@ -8,12 +8,8 @@ from __future__ import annotations
 
 import os
 
+from swarmware.footprint.annotations import Final, Sequence
 from swarmware.transport.shm.lock import stands_at, try_lock
-
-TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from typing import Final
 
 KEEP_VARIABLE: Final = "SWARM_KEEP"
 """Environment variable with a further folder to keep, such as the folder of a lab."""

@@ -14,14 +14,13 @@ import select
 import sys
 import time
 
-import swarmd
-import swarmware
 from swarmd.kept_folders import KEEP_VARIABLE, KeptFolders
 from swarmd.parent_socket import ParentSocket
 from swarmware.errors import SwarmError
+from swarmware.footprint.annotations import TYPE_CHECKING, Callable, Final, NoReturn, Path
+from swarmware.footprint.plain import signal
 from swarmware.runtime.backoff import RestartPolicy
 from swarmware.runtime.pidfd import ProcessHandle
-from swarmware.runtime.plain import signal
 from swarmware.service.exit_status import ExitStatus
 from swarmware.service.fork_client import ENDED_S, VARIABLE, StartedProcess
 from swarmware.service.notify import RECEIVE_BYTES, Notifier
@@ -36,12 +35,7 @@ from swarmware.service.starting import (
     write_start_record,
 )
 
-TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-    from typing import Final, NoReturn
-
     from swarmd.fork_server_supervisor import ForkServerSupervisor
 
 HUNG_S: Final = 15.0
@@ -53,8 +47,8 @@ FORK_SERVER_S: Final = 10.0
 LATE_S: Final = 1.0
 """Delay of the parent itself above which the time does not count as silence of the supervised process."""
 _NS: Final = 1_000_000_000
-EMPTY: Final = ("-S", "-P")
-"""Interpreter options: no `site` with .pth files of other packages, no modules of the working directory."""
+ENTRY: Final = "import sys; from swarmd.parent import main; sys.exit(main(sys.argv[1:]))"
+"""Python program of the parent; `-m swarmd.parent` would keep runpy loaded, half a megabyte more."""
 
 
 def become(
@@ -67,16 +61,7 @@ def become(
     """
     modes = ["shared" if shared else "", "fork server" if fork_server else ""]
     words = ["node", platform, str(config_dir), str(run_dir), *modes, *services]
-    os.execv(sys.executable, [sys.executable, *EMPTY, "-c", entry(), *words])
-
-
-def entry() -> str:
-    """Python program of the parent; `-m swarmd.parent` would keep runpy loaded, half a megabyte more."""
-    folders = [os.path.dirname(package.__path__[0]) for package in (swarmd, swarmware)]
-    return (
-        f"import sys; sys.path[:0] = {list(dict.fromkeys(folders))!r}; "
-        "from swarmd.parent import main; sys.exit(main(sys.argv[1:]))"
-    )
+    os.execv(sys.executable, [sys.executable, "-P", "-c", ENTRY, *words])
 
 
 def main(words: list[str]) -> int:

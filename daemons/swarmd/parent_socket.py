@@ -5,14 +5,11 @@ from __future__ import annotations
 import os
 
 from swarmware.errors import Conflict
+from swarmware.footprint.annotations import Final
 from swarmware.service.fork_client import FOLDER, own_folder
 from swarmware.service.notify import NotificationSocket
 from swarmware.service.starting import PARENT_SOCKET
 from swarmware.transport.shm.lock import lock_within, stands_at
-
-TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
-if TYPE_CHECKING:
-    from typing import Final
 
 LOCK_WAIT_S: Final = 1.0
 """Maximum wait for the lock of a killed parent, which the kernel releases when the process has ended."""

@@ -24,12 +24,10 @@ variable SWARM_CONFIG, else /etc/swarm. `swarmd` and `swarmctl` read the same va
 
 from __future__ import annotations
 
+from swarmware.footprint.annotations import TYPE_CHECKING
 from swarmware.version import __version__
 
-TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
 if TYPE_CHECKING:
-    from typing import Any
-
     from swarmware.module.module import Module
     from swarmware.service.service import Service
 
@@ -38,7 +36,7 @@ __all__ = ["Module", "Service", "__version__"]
 _HOMES = {"Module": "swarmware.module.module", "Service": "swarmware.service.service"}
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> object:
     if name in _HOMES:
         from importlib import import_module
 

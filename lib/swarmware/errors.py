@@ -4,15 +4,11 @@ from __future__ import annotations
 
 import errno
 
-TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
-if TYPE_CHECKING:
-    from typing import ClassVar
-
 
 class SwarmError(Exception):
     """Root of all expected errors; the message states the error, its place, and the expected value."""
 
-    exit_code: ClassVar[int] = 1
+    exit_code = 1
 
 
 class InvalidInput(SwarmError, ValueError):

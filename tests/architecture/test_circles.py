@@ -11,7 +11,6 @@ from tests.architecture.sources import files, imports
 
 CLIMBS: Final = {
     ("swarmware.types.registry", "swarmware.types"): "lists the files of the package, to import them",
-    ("swarmd.parent", "swarmd"): "needs the folder of the package, to start its own program",
 }
 """Imports of a package by a module in it, each with its reason."""
 

@@ -18,9 +18,10 @@ THIN_LINES = 40
 THIN = {
     "cli/swarmctl/terminal/size.py": "the size of the terminal, for the help, which imports no tables",
     "lib/swarmware/model/airframe_file.py": "reads files, which the cores that know airframes must not",
-    "lib/swarmware/model/digest.py": "BLAKE2b without OpenSSL",
+    "lib/swarmware/footprint/annotations.py": "placeholders of names that only annotations use",
+    "lib/swarmware/footprint/blake2b.py": "BLAKE2b without OpenSSL",
     "lib/swarmware/recorder/address.py": "the address of a database, also without the driver of the database",
-    "lib/swarmware/runtime/plain.py": "signals and sockets without enumerations, for the parent of a node",
+    "lib/swarmware/footprint/plain.py": "signals and sockets without enumerations, for the parent of a node",
     "lib/swarmware/version.py": "the version, below all that records or shows it",
 }
 """Files of fewer lines that define no class of their own, and the noun that each is."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmware.model.plugins import EntryPoint, entry_points, none_is_foreign
+from swarmware.footprint.entry_points import EntryPoint, entry_points, none_is_foreign
 
 GROUPS = ("swarmware.services", "console_scripts", "pytest11", "swarmware.nosuch")
 

@@ -10,7 +10,7 @@ import click
 
 from swarmctl.commandline.settings import Nodes, settings
 from swarmctl.commandline.shared_options import shared_options
-from swarmware.runtime.event_loop import import_without_tls
+from swarmware.footprint.event_loop import import_without_tls
 
 SENTENCE: Final = 500
 """Maximum characters of the first sentence of a help text."""

@@ -1,7 +1,7 @@
 """The guard's shell: reads application files, heartbeats and process exits, and executes actions."""
 
 import asyncio
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import msgspec
 
@@ -18,6 +18,8 @@ from swarmd.guard.core.supervision import (
     Terminate,
     WatchProcess,
 )
+from swarmd.guard.priorities import ProcessPriorities
+from swarmd.guard.process_supervisor import ProcessSupervisor, SystemdSupervisor
 from swarmd.guard.supervisor import InProcessSupervisor, Supervisor
 from swarmware.errors import NotFound
 from swarmware.model import paths
@@ -37,9 +39,6 @@ from swarmware.types.health import (
 )
 from swarmware.types.rpc import Empty
 from swarmware.types.system import AppStatus
-
-if TYPE_CHECKING:
-    from swarmd.guard.priorities import ProcessPriorities
 
 
 class Guard(Service):
@@ -61,9 +60,7 @@ class Guard(Service):
         self._supervisor = self._choose()
         self._priorities: ProcessPriorities | None = None
         if config.priorities and self._supervisor.kind != InProcessSupervisor.kind:
-            from swarmd.guard import priorities  # loaded only with several processes
-
-            self._priorities = priorities.ProcessPriorities()
+            self._priorities = ProcessPriorities()
         self._core = GuardCore(names, self._supervisor.kind, config)
         self._driver = self.drive(self._core, self._perform, settled=self._settled)
         self._names = names
@@ -108,11 +105,6 @@ class Guard(Service):
         node = self._node
         if node.config.processes == "one" and node.host is not None:
             return InProcessSupervisor(node.host, self._on_exit)
-        from swarmd.guard.process_supervisor import (
-            ProcessSupervisor,
-            SystemdSupervisor,
-        )  # loaded only with several processes
-
         if self.config.supervisor == "systemd":
             return SystemdSupervisor(node.config_dir, node.run_dir, self._on_exit)
         return ProcessSupervisor(node.config_dir, node.run_dir, self._on_exit)

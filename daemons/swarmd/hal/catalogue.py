@@ -10,7 +10,7 @@ from swarmd.hal.config import Config
 from swarmd.hal.core.line_load import crowded
 from swarmd.hal.driver import Device, Factory, Site
 from swarmware.errors import ConfigError, NotFound
-from swarmware.model.plugins import DRIVER_GROUP, OWN_DRIVERS, entry_points
+from swarmware.footprint.entry_points import DRIVER_GROUP, OWN_DRIVERS, entry_points
 
 DRIVERS: Final = {name: f"swarmd.hal.drivers.{name}" for name in OWN_DRIVERS}
 """Modules of the built-in drivers, with a function `make(config, site)`; imported only when configured."""

@@ -1,6 +1,7 @@
 """Hot-plugging: watches the folders of device files, and reads the kernel's data about the devices."""
 
 import asyncio
+import ctypes
 import os
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -65,8 +66,6 @@ class FolderWatch:
     """
 
     def __init__(self, folders: Iterable[str], changed: Callable[[], None]) -> None:
-        import ctypes  # imported here, because few nodes need it
-
         libc = ctypes.CDLL(None, use_errno=True)
         self._changed = changed
         self._fd: int = libc.inotify_init1(os.O_NONBLOCK | os.O_CLOEXEC)

@@ -4,9 +4,10 @@ import asyncio
 import logging
 from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 from swarmd.hal import config as settings
+from swarmd.hal import hotplug
 from swarmd.hal.catalogue import check_names, find, make_all
 from swarmd.hal.chassis import Chassis
 from swarmd.hal.core.line_load import is_over, line_loads
@@ -15,6 +16,7 @@ from swarmd.hal.core.schedule import Schedule
 from swarmd.hal.driver import Actuator, Device, DeviceError, DeviceGone, Sensor, Site
 from swarmd.hal.imu_source import ImuSource
 from swarmd.hal.motors import Motors
+from swarmd.hal.precise_timer import PreciseTimer
 from swarmd.hal.sensor_calibration import SensorCalibrations
 from swarmware.errors import SwarmError
 from swarmware.model import paths
@@ -24,10 +26,6 @@ from swarmware.runtime.instant import stage_phase_ns, until
 from swarmware.service.service import Service
 from swarmware.types.health import OK_STATE, Level
 from swarmware.types.vehicle import DriverState, DriverTable, LineLoad
-
-if TYPE_CHECKING:
-    from swarmd.hal.hotplug import FolderWatch
-    from swarmd.hal.precise_timer import PreciseTimer
 
 SENSOR_STAGE: Final = 1
 """Stage of an instant in which sensors are read, after the simulation's writes and before consumers
@@ -77,7 +75,7 @@ class Hal(Service):
     async def run(self) -> None:
         """Runs each driver in a task until the service ends."""
         patterns = {rule.path for rule in self.config.recognise}
-        watch: FolderWatch | None = None
+        watch: hotplug.FolderWatch | None = None
         try:
             async with asyncio.TaskGroup() as group:
                 self._start(group, self._devices)
@@ -85,8 +83,6 @@ class Hal(Service):
                     self._calibrations.serve()
                 group.create_task(self._report(), name="hal:report")
                 if patterns:
-                    from swarmd.hal import hotplug  # not loaded by most nodes
-
                     folders = [pattern.rpartition("/")[0] or "/" for pattern in patterns]
                     watch = hotplug.FolderWatch(folders, lambda: self._recognise(group, patterns))
                     self._recognise(group, patterns)
@@ -137,11 +133,9 @@ class Hal(Service):
 
     def _recognise(self, group: asyncio.TaskGroup, patterns: set[str]) -> None:
         """Starts the drivers of devices that were plugged in, and lets waiting drivers retry at once."""
-        from swarmd.hal.hotplug import configured, nodes
-
-        for one in self._recognition.on_nodes(nodes(patterns)):
+        for one in self._recognition.on_nodes(hotplug.nodes(patterns)):
             try:
-                devices = find(one.rule.driver)(configured(self.config, one), self._site)
+                devices = find(one.rule.driver)(hotplug.configured(self.config, one), self._site)
                 for device in devices:
                     device.name = f"{device.name}.{Path(one.node.path).name}"
                 check_names(devices, self._devices)
@@ -197,7 +191,7 @@ class Hal(Service):
         """
         now_ns, stage = self.module.now_ns, _stage(device)
         step = _step(device)
-        timer = _precise_timer() if device.period_s < COARSE_S else None
+        timer = PreciseTimer() if device.period_s < COARSE_S else None
         try:
             while True:
                 if timer is None:
@@ -269,14 +263,6 @@ class Hal(Service):
             now_ns = self.module.now_ns()
             rows = tuple(schedule.report(now_ns) for schedule in self._schedules.values())
             writer.write(DriverTable(rows, self._lines))
-
-
-def _precise_timer() -> "PreciseTimer":
-    from swarmd.hal.precise_timer import (
-        PreciseTimer,
-    )  # imported here, because it loads ctypes, which few nodes need
-
-    return PreciseTimer()
 
 
 def _stage(device: Device) -> int:

@@ -5,10 +5,10 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
+from swarmware.footprint.entry_points import BLOCK_GROUP, EntryPoint, entry_points
 from swarmware.mission.block_reader import KEYS
 from swarmware.mission.catalogue import BLOCKS, BlockType, Catalogue, Params
 from swarmware.model.platform_kind import PlatformKind
-from swarmware.model.plugins import BLOCK_GROUP, EntryPoint, entry_points
 
 _CLASS: Final = "a class with `spec: BlockType` and `async def run(self, context)`"
 

@@ -5,10 +5,10 @@ from typing import Final
 
 import msgspec
 
+from swarmware.footprint.blake2b import blake2b
 from swarmware.mission.catalogue import BlockName, BlockType, Params
 from swarmware.mission.condition import ConditionExpression
 from swarmware.mission.outcome import ANY_ERROR, BARRIER_BROKEN, TIMED_OUT, BlockOutcome, OutcomeKind
-from swarmware.model.digest import blake2b
 
 STEPS_LIMIT: Final = 1_000
 """Maximum blocks that the player enters in one event; the check refuses a mission that needs more."""

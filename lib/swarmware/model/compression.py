@@ -157,7 +157,7 @@ def inflate(data: bytes | memoryview, limit: int) -> bytes:
 
 def unzstd(data: bytes | memoryview, limit: int) -> bytes:
     """Data of zstd, of at most `limit` bytes. Raises: WireError when it is damaged or longer."""
-    import zstandard
+    import zstandard  # most commands decode no such payload, and start sooner
 
     try:
         # zstd allocates the stated size before it checks the data

@@ -2,11 +2,12 @@
 
 import re
 from collections.abc import Iterable
+from difflib import get_close_matches
 from functools import lru_cache
 from typing import Final, NamedTuple
 
 from swarmware.errors import InvalidInput
-from swarmware.model.digest import blake2b
+from swarmware.footprint.blake2b import blake2b
 
 ANY: Final = 0xFFFF_FFFF
 """Receiver id of frames for all receivers (S1.49)."""
@@ -320,6 +321,4 @@ def similar(word: str, known: Iterable[str], *, limit: int = 1, cutoff: float = 
 
     `cutoff`: minimum similarity, 0 to 1.
     """
-    from difflib import get_close_matches  # a process without such an error lives without difflib
-
     return get_close_matches(word, known, n=limit, cutoff=cutoff)

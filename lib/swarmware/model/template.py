@@ -8,8 +8,8 @@ import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
 from swarmware.errors import ConfigError, InvalidInput
+from swarmware.footprint.blake2b import blake2b
 from swarmware.model import config, document
-from swarmware.model.digest import blake2b
 from swarmware.model.names import Pattern
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.model.resource import Access, Category, Kind, Link, Plain, Resource, clash_text, clashes

@@ -1,16 +1,15 @@
 """Payload types of recorded values: of the library by name, of modules by the description in the log."""
 
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import msgspec
 
 from swarmware.errors import NotFound, WireError
 from swarmware.types import registry
+from swarmware.types.described import class_of
+from swarmware.types.description import TypeDescription, describe
 from swarmware.types.json_form import packed_schema
-
-if TYPE_CHECKING:
-    from swarmware.types.description import TypeDescription
 
 DESCRIPTION_LIMIT: Final = 48_000
 """Bytes of a description in a log: it is in the record of each channel, which has at most 65536."""
@@ -24,7 +23,7 @@ def logged_description(text: str) -> str:
     """
     try:
         found = _without_meaning(_decoded(text))
-        _class_of(found)
+        class_of(found)
     except WireError:
         return ""
     logged = msgspec.json.encode(found)
@@ -44,11 +43,11 @@ def _described_class(name: str, description: str) -> type[msgspec.Struct]:
     found = _decoded(description)
     try:
         registered = registry.find(name)
-        if _without_meaning(_describe(registered)) == found:
+        if _without_meaning(describe(registered)) == found:
             return registered
     except (NotFound, NameError, TypeError, ValueError):
         pass  # not installed here, or in another version
-    return _class_of(found)
+    return class_of(found)
 
 
 @lru_cache(maxsize=256)
@@ -60,31 +59,17 @@ def schema(name: str, description: str = "") -> bytes:
         return b""
 
 
-def _decoded(text: str) -> "TypeDescription":
-    from swarmware.types.description import TypeDescription  # most logs have no such type
-
+def _decoded(text: str) -> TypeDescription:
     try:
         return msgspec.json.decode(text, type=TypeDescription)
     except (msgspec.DecodeError, ValueError, RecursionError) as error:
         raise WireError(f"description of a type: {error}") from error
 
 
-def _without_meaning(description: "TypeDescription") -> "TypeDescription":
+def _without_meaning(description: TypeDescription) -> TypeDescription:
     replace = msgspec.structs.replace
     structs = tuple(
         replace(one, fields=tuple(replace(field, meaning="") for field in one.fields))
         for one in description.structs
     )
     return replace(description, structs=structs)
-
-
-def _describe(cls: type[msgspec.Struct]) -> "TypeDescription":
-    from swarmware.types.description import describe
-
-    return describe(cls)
-
-
-def _class_of(description: "TypeDescription") -> type[msgspec.Struct]:
-    from swarmware.types.described import class_of
-
-    return class_of(description)

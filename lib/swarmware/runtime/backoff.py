@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from typing import Final, TypeVar
+from swarmware.footprint.annotations import Final, Sequence, TypeVar
 
-    Pause = TypeVar("Pause", int, float)
-
+Pause = TypeVar("Pause", int, float)
 PAUSES_S: Final = (0.0, 0.5, 1.0, 2.0, 5.0)
 """Pauses before the first, second, … consecutive restart; the last one from then on."""
 SETTLED_S: Final = 1.0

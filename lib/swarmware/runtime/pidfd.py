@@ -8,7 +8,7 @@ from __future__ import annotations
 import errno
 import os
 
-from swarmware.runtime.plain import signal
+from swarmware.footprint.plain import signal
 
 _STATE, _START = 0, 19
 """Positions of state (field 3) and starttime (field 22) behind the command name. Source: proc_pid_stat(5)."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from swarmware.footprint.plain import signal
+
 UNKNOWN = "gone"
 """Text of an unknown exit status: only the parent of a process receives it."""
-_SIGKILL = 9
-"""Source: signal(7). The module `signal` costs the parent of a node memory."""
 
 
 class ExitStatus:
@@ -38,7 +38,7 @@ class ExitStatus:
     @property
     def killed(self) -> bool:
         """Whether SIGKILL ended the process, which says nothing about the process itself."""
-        return self.signal == _SIGKILL
+        return self.signal == signal.SIGKILL
 
     def __str__(self) -> str:
         if self.code is not None:

@@ -12,16 +12,12 @@ import select
 import sys
 
 from swarmware.errors import OutOfRange
+from swarmware.footprint.annotations import Final
+from swarmware.footprint.plain import signal, socket
 from swarmware.runtime.pidfd import ProcessHandle
-from swarmware.runtime.plain import signal, socket
 from swarmware.service.exit_status import ExitStatus
 
-TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
-if TYPE_CHECKING:
-    from typing import Final
-
-    Path = str | os.PathLike[str]
-
+Path = str | os.PathLike[str]
 FOLDER: Final = "parent"
 """Folder in the run directory, closed to other users: sockets of the parent and of its fork server."""
 SOCKET: Final = "fork"

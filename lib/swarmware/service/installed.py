@@ -6,9 +6,9 @@ from pathlib import Path
 import msgspec
 
 from swarmware.errors import ConfigError, NotFound
+from swarmware.footprint.entry_points import SERVICE_GROUP, EntryPoint, entry_points
 from swarmware.model.config import load_service
 from swarmware.model.names import similar
-from swarmware.model.plugins import SERVICE_GROUP, EntryPoint, entry_points
 from swarmware.service.service import Service
 
 

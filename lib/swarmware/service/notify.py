@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import os
 
-from swarmware.runtime.plain import socket
-
-TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
-if TYPE_CHECKING:
-    from typing import Final
+from swarmware.footprint.annotations import Final
+from swarmware.footprint.plain import socket
 
 _USEC: Final = 1_000_000
 RECEIVE_BYTES: Final = 4096

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import gc
 import logging
+import os
 import resource
 import signal
 import sys
@@ -22,6 +23,7 @@ from swarmware.node.node import Node
 from swarmware.runtime.core import next_multiple_ns
 from swarmware.runtime.instant import until
 from swarmware.runtime.slow import warn_if_slow
+from swarmware.service.guard_watchdog import GuardWatchdog
 from swarmware.service.host import PreparedService, ServiceHost
 from swarmware.service.notify import Notifier
 
@@ -108,8 +110,6 @@ async def _serve(host: ServiceHost, notifier: Notifier, asked: asyncio.Event) ->
     notifying = asyncio.create_task(_notify_ready(host, notifier), name="supervisor")
     others = [notifying, ending]
     if host.node.config.processes == "per-daemon" and "guard" not in host.names:
-        from swarmware.service.guard_watchdog import GuardWatchdog  # starts processes
-
         others.append(asyncio.create_task(GuardWatchdog(host.node).run(), name="guard watch"))
     try:
         await asyncio.wait([running, ending], return_when=asyncio.FIRST_COMPLETED)
@@ -176,8 +176,6 @@ class _Lines(logging.Formatter):
 
 
 def _log_to_stderr(level: str, platform: str) -> None:
-    import os
-
     handler = logging.StreamHandler(sys.stderr)
     handler.setFormatter(_Lines(platform, journal="JOURNAL_STREAM" in os.environ))
     root = logging.getLogger()

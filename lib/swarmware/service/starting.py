@@ -10,18 +10,14 @@ import os
 import sys
 
 from swarmware.errors import WireError
+from swarmware.footprint.annotations import Final, PathLike
+from swarmware.footprint.plain import signal
 from swarmware.runtime.pidfd import lives, start_ticks
-from swarmware.runtime.plain import signal
 from swarmware.service.fork_client import FOLDER as PARENT_FOLDER
 from swarmware.service.fork_client import StartedProcess, own_folder, request_fork
 from swarmware.service.notify import remove_file
 from swarmware.transport.shm.lock import held_by_other, lock_within
 from swarmware.transport.shm.shared_file import open_shared
-
-TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
-if TYPE_CHECKING:
-    from os import PathLike
-    from typing import Final
 
 STARTING_DIR: Final = "starting"
 """Folder of the start records, in the run directory."""

@@ -1,6 +1,8 @@
 """Descriptions of payload types: fields, types and meaning, for who does not have the class."""
 
+import ast
 import inspect
+import textwrap
 from itertools import pairwise
 from typing import Annotated, Any, Final
 
@@ -191,9 +193,6 @@ def _line(text: str) -> str:
 
 def field_docs(cls: type) -> dict[str, str]:
     """The docstrings below the fields of a class and of those that it inherits from."""
-    import ast
-    import textwrap
-
     found: dict[str, str] = {}
     for one in reversed(cls.__mro__[:-1]):
         if one.__module__ == "msgspec":

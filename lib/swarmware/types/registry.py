@@ -4,6 +4,7 @@ import struct
 from collections.abc import Callable
 from functools import cache, lru_cache
 from importlib import import_module
+from pkgutil import iter_modules
 from typing import Protocol, TypeVar, runtime_checkable
 
 import msgspec
@@ -105,8 +106,6 @@ def quantities() -> frozenset[str]:
 def _import_all() -> None:
     """Import the modules of this package, which register their types: once, a log may have a million values
     of a type that is unknown here."""
-    from pkgutil import iter_modules
-
     for area in iter_modules(swarmware.types.__path__):
         import_module(f"swarmware.types.{area.name}")
 

@@ -9,7 +9,7 @@ from tests.integration.tree.pair import on_uvloop, platforms
 from tests.patience import PATIENCE_S
 
 from swarmware.errors import Conflict, InvalidInput, OutOfRange
-from swarmware.model.digest import blake2b
+from swarmware.footprint.blake2b import blake2b
 from swarmware.types.file import (
     FileBlock,
     FileData,

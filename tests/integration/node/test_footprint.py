@@ -17,30 +17,17 @@ SERVICES: Final = (
 )
 HEAVY: Final = {
     *("click", "cryptography", "jsonschema", "matplotlib", "mcap", "numpy", "psutil", "pymongo", "rich"),
-    *("_bz2", "_hashlib", "_lzma", "_ssl", "argparse", "difflib", "email", "http", "pkgutil", "pydoc"),
+    *("_bz2", "_hashlib", "_lzma", "_ssl", "argparse", "email", "http", "pydoc"),
     *("importlib.metadata", "importlib.resources", "shutil", "ssl", "swarmctl", "swarmlab"),
     *("swarmware.testing", "unittest", "urllib.request", "zipfile", "zmq.asyncio"),
 }
 """None of these is of use to a running node."""
 UNUSED: Final = {
-    *(
-        "pty",
-        "statistics",
-        "swarmd.broker.core.reports.metrics_page",
-        "swarmd.broker.core.frames.reliable.reliable_link",
-    ),
-    *(
-        "swarmd.broker.records.metrics_server",
-        "swarmd.broker.sockets.serial_medium",
-        "swarmd.broker.exchange.unit_delay",
-    ),
-    *("swarmd.guard.priorities", "swarmd.guard.process_supervisor", "swarmd.hal.hotplug"),
-    *("swarmd.logger.log_forwarder", "swarmd.navigator.core.air_controller", "swarmd.sim.core.multirotor"),
-    *("swarmd.sim.core.surface", "swarmd.sim.serial_ports", "swarmware.devices.nmea"),
-    *("swarmware.model.airframe", "swarmware.model.explanation", "swarmware.service.guard_watchdog"),
-    *("swarmware.service.starting", "swarmware.transport.security.root", "swarmware.types.described"),
+    *("pty", "statistics", "swarmd.broker.records.metrics_server", "swarmd.logger.log_forwarder"),
+    *("swarmd.navigator.core.air_controller", "swarmd.sim.core.multirotor", "swarmd.sim.core.surface"),
+    *("swarmd.sim.serial_ports", "swarmware.devices.nmea", "swarmware.model.airframe"),
 }
-"""Modules of media, devices, kinds of vehicles, supervisors and requests that this node does not have."""
+"""Modules of the database, the metrics page, kinds of vehicles and serial devices, which this node lacks."""
 LIBRARIES: Final = re.compile(r"lib(crypto|ssl)[.-]|/cryptography/|/numpy")
 RATIO: Final = 5.2
 """Resident memory of a whole node, as a multiple of an interpreter that does nothing. Measured from sources

@@ -8,7 +8,7 @@ import pytest
 
 from swarmd.files.store import FileStore
 from swarmware.errors import NotFound
-from swarmware.model.digest import blake2b
+from swarmware.footprint.blake2b import blake2b
 from swarmware.transport.transfer.block_set import BLOCK_BYTES
 from swarmware.types.bounds import FileName
 from swarmware.types.file import FileOffer

@@ -9,9 +9,11 @@ def result(code: str) -> str:
     return done.stdout.strip()
 
 
-IMPORT = (
-    "import sys; from swarmware.runtime.event_loop import import_without_tls\nimport_without_tls('uvloop')\n"
-)
+IMPORT = """
+import sys
+from swarmware.footprint.event_loop import import_without_tls
+import_without_tls("uvloop")
+"""
 
 
 def test_event_loop_is_imported_without_openssl_and_runs() -> None:

@@ -19,7 +19,7 @@ def test_daemon_imports_start_no_thread_nor_file() -> None:
 
 def test_foreign_service_is_not_imported_before_fork() -> None:
     look = (
-        "from swarmware.model.plugins import EntryPoint\n"
+        "from swarmware.footprint.entry_points import EntryPoint\n"
         "from swarmd import fork_server\n"
         "theirs = EntryPoint('planner', 'nosuch_package.planner:Planner', 'swarmware.services')\n"
         "fork_server.installed = lambda: {'planner': theirs}\n"

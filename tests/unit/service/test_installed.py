@@ -3,7 +3,7 @@
 import pytest
 
 from swarmware.errors import ConfigError, NotFound, SwarmError
-from swarmware.model.plugins import EntryPoint
+from swarmware.footprint.entry_points import EntryPoint
 from swarmware.service import installed as installed_services
 from swarmware.service.installed import find, installed
 from swarmware.service.service import Service

@@ -15,7 +15,7 @@ import msgspec
 import pytest
 
 from swarmware.errors import ConfigError, InvalidInput, NotFound, SwarmError
-from swarmware.model.plugins import EntryPoint
+from swarmware.footprint.entry_points import EntryPoint
 from swarmware.service import installed as installed_services
 from swarmware.service import runner
 from swarmware.service.runner import run_services

@@ -7,7 +7,7 @@ from random import Random
 import pytest
 
 from swarmware.errors import InvalidInput, OutOfRange
-from swarmware.model.digest import blake2b
+from swarmware.footprint.blake2b import blake2b
 from swarmware.transport.transfer.block_set import BLOCK_BYTES, block_count
 from swarmware.transport.transfer.partial_file import PartialFile, digest_of, regular_file_size
 

@@ -12,9 +12,15 @@ import msgspec
 
 from swarmctl.terminal.output import Output
 from swarmware.errors import Conflict, InvalidInput, NotFound
+from swarmware.footprint.entry_points import (
+    BLOCK_GROUP,
+    DRIVER_GROUP,
+    OWN_DRIVERS,
+    SERVICE_GROUP,
+    entry_points,
+)
 from swarmware.mission.installed import installed
 from swarmware.model.config import share_dir
-from swarmware.model.plugins import BLOCK_GROUP, DRIVER_GROUP, OWN_DRIVERS, SERVICE_GROUP, entry_points
 from swarmware.runtime.filewriter import naming
 
 NAME: Final = "my_name"

@@ -3,12 +3,13 @@
 import logging
 from collections.abc import Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from swarmd.broker.core.broker import BrokerCore
 from swarmd.broker.core.frames.end_to_end import AuthenticatedFrame
 from swarmd.broker.core.membership.access_filter import AccessFilter
 from swarmd.broker.core.traffic import FrameAccounts
+from swarmd.broker.exchange.unit_delay import UnitDelays
 from swarmware.errors import Denied, WireError
 from swarmware.model.access import Access, Role, Verb
 from swarmware.model.frame import FrameKind
@@ -19,9 +20,6 @@ from swarmware.transport.delivery.sender import sender_of
 from swarmware.transport.messaging.endpoint import MessageEndpoint
 from swarmware.transport.security.denial_reporter import DenialReporter
 from swarmware.transport.security.keys import Keys
-
-if TYPE_CHECKING:
-    from swarmd.broker.exchange.unit_delay import UnitDelays
 
 LATE: Final = "late"
 """Verb of a denial: the command arrived after its lifetime."""
@@ -41,7 +39,7 @@ class FrameDelivery:
         accounts: FrameAccounts,
         access: Access,
         denials: DenialReporter,
-        delay: "UnitDelays | None",
+        delay: UnitDelays | None,
     ) -> None:
         """`delay`: simulated delay of frames from other units of this platform, or None without."""
         self._keys = keys

@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from swarmd.broker.config import Config
 from swarmd.broker.core.broker import BrokerCore
@@ -17,6 +17,7 @@ from swarmd.broker.core.traffic import FrameAccounts
 from swarmd.broker.exchange.carriers.frame_datagrams import NeighbourMedia
 from swarmd.broker.exchange.frame_delivery import FrameDelivery
 from swarmd.broker.exchange.frame_links import FrameLinks
+from swarmd.broker.exchange.unit_delay import UnitDelays
 from swarmd.broker.sockets.pair_seal import PairEnd
 from swarmware.errors import ConfigError, Denied, WireError
 from swarmware.model.frame import HOPS, Flag, Frame, FrameKind
@@ -28,9 +29,6 @@ from swarmware.transport.delivery.signature import with_node
 from swarmware.transport.security.denial_reporter import DenialReporter
 from swarmware.transport.security.keys import Keys
 from swarmware.transport.security.roster import RosterChange
-
-if TYPE_CHECKING:
-    from swarmd.broker.exchange.unit_delay import UnitDelays
 
 FORWARD: Final = "forward"
 """Verb of a denial: the platform forwarded a frame that its sender did not sign, or not recently."""
@@ -334,9 +332,7 @@ class FrameGateway:
         self.links.close()
 
 
-def _unit_delay(config: Config) -> "UnitDelays | None":
+def _unit_delay(config: Config) -> UnitDelays | None:
     if not config.unit_delay_ms:
         return None
-    from swarmd.broker.exchange.unit_delay import UnitDelays  # of the lab only
-
     return UnitDelays(*config.unit_delay_ms)

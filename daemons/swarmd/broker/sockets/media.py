@@ -10,6 +10,7 @@ from swarmd.broker.core.beacon import beacon_codec
 from swarmd.broker.core.swarm.media.medium import Address, MediumProfile
 from swarmd.broker.core.swarm.neighbours.medium_table import MediumAddress, MediumTable, Use
 from swarmd.broker.sockets.medium import DatagramMedium, MediumDatagram, OnArrival, OnLine
+from swarmd.broker.sockets.serial_medium import SerialLineMedium
 from swarmd.broker.sockets.udp import Udp, further_network, main_network
 from swarmware.model.clock import Clock
 from swarmware.types.net import Refused
@@ -45,8 +46,6 @@ class Media:
                 found = Udp(further_network(network), loop, clock, self._take)
                 further.append(stack.enter_context(contextlib.closing(found)))
             for line in config.serial:
-                from swarmd.broker.sockets.serial_medium import SerialLineMedium  # few nodes have such a line
-
                 port = SerialLineMedium(line, loop, refused, self._take, on_line)
                 further.append(stack.enter_context(contextlib.closing(port)))
             self._closing = stack.pop_all()

@@ -5,7 +5,7 @@ from typing import Final
 
 import msgspec
 
-from swarmware.model.digest import blake2b
+from swarmware.footprint.blake2b import blake2b
 from swarmware.transport.security.seal import Opened, ReceivedSession, Refusal
 from swarmware.transport.sodium import KEY_BYTES, SealKey, curve_shared
 

@@ -16,6 +16,7 @@ from swarmware.module.streamwriter import StreamWriter
 from swarmware.module.writer import BoardWriter
 from swarmware.recorder.entry import LogEntry
 from swarmware.recorder.query import FolderSource, LogSource, Query
+from swarmware.recorder.spool import SpoolSource
 
 _CATCH_UP_NS: Final = 1_000_000_000
 """Maximum stall that is caught up; after a longer stall the recording continues where it was."""
@@ -103,10 +104,6 @@ class RecordedDevices(BlockingDevice, Sensor):
         try:
             if not config.file:
                 return FolderSource([Path(config.folder)])
-            from swarmware.recorder.spool import (
-                SpoolSource,
-            )  # imported here, because few vehicles replay an export
-
             self._close_file()
             self._file = Path(config.file).open("rb")  # noqa: SIM115 - read until `disconnect`
             return SpoolSource(self._file, config.file)

@@ -9,6 +9,7 @@ from swarmd.tree.settings.settings import Settings
 from swarmware.model import paths
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
+from swarmware.service.effective import NODE, effective_config, key_pattern
 from swarmware.types.config import ConfigChange, ConfigHistory, ConfigQuery, EffectiveConfig, HistoryQuery
 
 CHANGES_LIMIT: Final = 1000
@@ -29,8 +30,6 @@ class ConfigApi:
         self._module.serve("sys/tree/history", HistoryQuery, self._history, reply=ConfigHistory)
 
     async def _config(self, query: ConfigQuery, _: Meta) -> EffectiveConfig:
-        from swarmware.service.effective import NODE, effective_config  # only a question needs it
-
         node = self._module.node
         running: dict[str, dict[str, Any]] = {NODE: msgspec.to_builtins(node.config)}
         running |= {entry.name: entry.config for entry in node.applications.table if entry.instance == 1}
@@ -46,9 +45,6 @@ class ConfigApi:
             )
 
     def _history(self, query: HistoryQuery, _: Meta) -> ConfigHistory:
-        # only a question needs it
-        from swarmware.service.effective import key_pattern
-
         wanted = key_pattern(query.pattern)
         prefix = paths.setting("")
         pack = msgspec.msgpack.encode

@@ -8,6 +8,7 @@ import msgspec
 from swarmware.errors import NotFound, WireError
 from swarmware.transport.appfile.entry import AppEntry
 from swarmware.types import registry
+from swarmware.types.described import class_of
 from swarmware.types.description import TypeDescription, describe
 
 KEPT: Final = 500
@@ -70,7 +71,5 @@ class TypeCatalogue:
         if made is None:
             if len(self._classes) >= KEPT:
                 self._classes.clear()
-            from swarmware.types.described import class_of  # of types that are not installed here
-
             made = self._classes[description] = class_of(description)
         return made

@@ -7,7 +7,7 @@ from typing import Final
 import msgspec
 
 from swarmware.errors import WireError
-from swarmware.model.digest import blake2b
+from swarmware.footprint.blake2b import blake2b
 from swarmware.model.frame import EXTENSION_LIMIT, Frame, encode_header
 
 _SIGNATURE_TAG: Final = 4

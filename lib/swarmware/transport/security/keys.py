@@ -10,8 +10,8 @@ from typing import Final, TypeVar
 import msgspec
 
 from swarmware.errors import ConfigError, Denied
+from swarmware.footprint.blake2b import blake2b
 from swarmware.model import document
-from swarmware.model.digest import blake2b
 from swarmware.runtime.filewriter import replace_file
 from swarmware.transport.enrolment.token import root_digest
 from swarmware.transport.security.roster import (

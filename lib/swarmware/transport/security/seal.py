@@ -7,7 +7,7 @@ from typing import Final
 import msgspec
 
 from swarmware.errors import InvalidInput
-from swarmware.model.digest import blake2b
+from swarmware.footprint.blake2b import blake2b
 from swarmware.transport.retransmission.received_numbers import ReceivedNumbers
 from swarmware.transport.sodium import KEY_BYTES, SealKey
 

@@ -7,6 +7,7 @@ group, because the hardened units may not set it.
 """
 
 import os
+import pwd
 import stat
 from pathlib import Path
 from typing import Final
@@ -89,8 +90,6 @@ def is_guest(run_dir: Path) -> bool:
 
 def user_name(uid: int) -> str:
     """`user NAME`, or `user UID` for a user without an entry."""
-    import pwd  # messages of errors only
-
     try:
         return f"user {pwd.getpwuid(uid).pw_name}"
     except KeyError:

@@ -9,9 +9,7 @@ import fcntl
 import os
 import time
 
-TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
-if TYPE_CHECKING:
-    from pathlib import Path
+from swarmware.footprint.annotations import Path
 
 RETRY_S = 0.0005
 """Pause between two attempts. All holders but the owner of a ring keep a lock for some ten microseconds."""

@@ -11,10 +11,7 @@ import os
 import stat
 
 from swarmware.errors import WireError
-
-TYPE_CHECKING = False  # the parent of a node lives without `typing`, which costs a megabyte
-if TYPE_CHECKING:
-    from pathlib import Path
+from swarmware.footprint.annotations import Path
 
 _ALWAYS = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
 _REFUSED = ".refused"

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from swarmware.errors import InvalidInput, OutOfRange
-from swarmware.model.digest import blake2b
+from swarmware.footprint.blake2b import blake2b
 from swarmware.transport.transfer.block_set import BLOCK_BYTES, BlockSet, block_count
 
 DIGEST_BYTES: Final = 32

@@ -15,7 +15,7 @@ from swarmd.broker.core.beacon.beacon import NEVER_NS
 from swarmd.broker.core.beacon.parts.session_checks import CheckKind, SessionCheck
 from swarmd.broker.core.membership.roster.roster_exchange import RosterExchange
 from swarmd.broker.core.membership.signatures.own_signatures import SigningKeys
-from swarmware.model.digest import blake2b
+from swarmware.footprint.blake2b import blake2b
 
 ALIVE_NS: Final = 1_500_000_000
 """A session without a datagram for this time has ended: two beacons a second are sent, one may be lost."""

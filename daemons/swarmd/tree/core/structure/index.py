@@ -8,7 +8,7 @@ from typing import Final
 import msgspec
 
 from swarmd.tree.core.structure.path_trie import PathTrie
-from swarmware.model.digest import blake2b
+from swarmware.footprint.blake2b import blake2b
 from swarmware.model.names import Pattern, similar
 from swarmware.model.resource import Resource
 

@@ -8,7 +8,7 @@ import msgspec
 
 from swarmd.tree.core.structure.index import Leaf, pattern
 from swarmware.errors import InvalidInput
-from swarmware.model.digest import blake2b
+from swarmware.footprint.blake2b import blake2b
 from swarmware.model.names import MAIN, Address, Pattern, split
 from swarmware.model.resource import Kind
 from swarmware.types.tree import Rule

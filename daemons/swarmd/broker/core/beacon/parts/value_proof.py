@@ -11,7 +11,7 @@ from typing import Final
 import msgspec
 
 from swarmware.errors import WireError
-from swarmware.model.digest import blake2b
+from swarmware.footprint.blake2b import blake2b
 
 HASH_BYTES: Final = 16
 SIGNATURE_BYTES: Final = 64

@@ -5,18 +5,16 @@ queue of a slow link, in which beacons and commands wait. So frames travel over 
 fast enough, and in datagrams where its beacons are lost or late, or frames wait for a queue.
 """
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import msgspec
 
 from swarmd.broker.config import Config, FrameCarrier
 from swarmd.broker.core.frames.carrier_choice import CLEAN, CarrierChoice, LinkQuality
 from swarmd.broker.core.frames.reliable.link_action import LinkAction
+from swarmd.broker.core.frames.reliable.reliable_link import ReliableLink
 from swarmd.broker.core.frames.send_queue import QueuedFrame
 from swarmd.broker.core.swarm.links.link import ConnectionDelay
-
-if TYPE_CHECKING:
-    from swarmd.broker.core.frames.reliable.reliable_link import ReliableLink
 
 CHECK_NS: Final = 40_000_000
 """Time between two measurements of a connection for which frames wait."""
@@ -95,7 +93,7 @@ class ReliableLinks:
             return False
         return self._kind is FrameCarrier.AUTO and known.choice.is_clean
 
-    def link(self, hw: int) -> "ReliableLink | None":
+    def link(self, hw: int) -> ReliableLink | None:
         """The reliable link of a neighbour, if there is one."""
         known = self._neighbours.get(hw)
         return None if known is None else known.link
@@ -183,12 +181,8 @@ class ReliableLinks:
             actions += self._begin_datagrams(hw, known)  # the neighbour measures more loss
         return actions + list(link.on_packet(data, now_ns, arrived_ns))
 
-    def _current(self, hw: int, session: int, now_ns: int) -> "tuple[ReliableLink, list[Action]]":
+    def _current(self, hw: int, session: int, now_ns: int) -> tuple[ReliableLink, list[Action]]:
         """The link of a session; frames that wait for a former one begin again."""
-        from swarmd.broker.core.frames.reliable.reliable_link import (
-            ReliableLink,  # of links that lose packets
-        )
-
         known = self._known(hw)
         former, choice = known.link, known.choice
         if former is not None and former.session == session:

@@ -7,7 +7,7 @@ import msgspec
 
 from swarmd.broker.config import MAIN, Carries, NetworkMedium, SerialMedium
 from swarmd.broker.core.swarm.media.line_frames import BITS, line_bytes
-from swarmware.model.digest import blake2b
+from swarmware.footprint.blake2b import blake2b
 from swarmware.types.net import LinkTransport
 
 BEACON_SHARE: Final = 0.5
