@@ -1,5 +1,6 @@
 """Drivers of the simulated sensors, which publish the measurements of service `sim`."""
 
+from abc import abstractmethod
 from contextlib import suppress
 from typing import TYPE_CHECKING, Generic, TypeVar
 
@@ -53,6 +54,7 @@ if TYPE_CHECKING:
     from swarmware.model.airframe import Airframe
 
 T = TypeVar("T", bound=msgspec.Struct)
+U = TypeVar("U", bound=msgspec.Struct)
 
 
 class RestPeriod:
@@ -94,20 +96,18 @@ async def fresh(reader: BoardReader[T], taken: int, period_s: float) -> bool:
     return reader.sequence != taken
 
 
-class SimSensor(Sensor, Generic[T]):
-    """Driver of a simulated sensor, which passes values and stamps through."""
+class SimSensor(Sensor, Generic[T, U]):
+    """Driver of a simulated sensor, which publishes each value of the simulation with its stamp."""
 
-    def __init__(self, device: str, path: str, cls: type[T], rate_hz: float, rest_hz: float) -> None:
+    def __init__(self, device: str, cls: type[T], rate_hz: float, rest_hz: float) -> None:
         self.name = f"sim.{device}"
         self._period = RestPeriod(rate_hz, rest_hz)
         self.period_s = self._period.period_s
         self._source = paths.simulated_sensor(device)
-        self._path = path
         self._cls = cls
-        self._rate_hz = rate_hz
         self._reader: BoardReader[T] | None = None
         self._module: Module | None = None
-        self._writer: BoardWriter[T] | None = None
+        self._writer: BoardWriter[U] | None = None
         self._sequence = 0
 
     async def open(self, module: Module) -> None:
@@ -115,10 +115,18 @@ class SimSensor(Sensor, Generic[T]):
         self._module = module
         self._period.open(module)
         self._reader = module.reader(self._source, self._cls)
-        self._writer = module.writer(self._path, self._cls, rate_hz=self._rate_hz)
+        self._writer = self.publication(module)
+
+    @abstractmethod
+    def publication(self, module: Module) -> BoardWriter[U]:
+        """Opens the board of the sensor."""
+
+    @abstractmethod
+    def measured(self, value: T) -> U | None:
+        """Measurement of a value of the simulation, or None if the sensor gives none."""
 
     async def read(self, now_ns: int) -> bool:
-        """Publishes the newest value, once."""
+        """Publishes the measurement of the newest value, once."""
         reader, writer = self._reader, self._writer
         if reader is None or writer is None:
             return False
@@ -128,12 +136,11 @@ class SimSensor(Sensor, Generic[T]):
         value = reader.value
         assert value is not None
         self._sequence = reader.sequence
-        writer.write(self.passed(value), reader.local_stamp_ns)
+        measured = self.measured(value)
+        if measured is None:
+            return False
+        writer.write(measured, reader.local_stamp_ns)
         return True
-
-    def passed(self, value: T) -> T:
-        """Value that is published for a value of the simulation."""
-        return value
 
     async def close(self) -> None:
         """Closes readers and writer."""
@@ -145,61 +152,50 @@ class SimSensor(Sensor, Generic[T]):
         self._reader = self._writer = None
 
 
-class SimImu(ImuSource, SimSensor[Imu]):
+class SimPassed(SimSensor[T, T]):
+    """Driver of a simulated sensor whose values are published as they are."""
+
+    def __init__(self, device: str, path: str, cls: type[T], rate_hz: float, rest_hz: float) -> None:
+        super().__init__(device, cls, rate_hz, rest_hz)
+        self._path = path
+        self._rate_hz = rate_hz
+
+    def publication(self, module: Module) -> BoardWriter[T]:
+        """Opens the board of the sensor with its rate."""
+        return module.writer(self._path, self._cls, rate_hz=self._rate_hz)
+
+    def measured(self, value: T) -> T:
+        """The value itself."""
+        return value
+
+
+class SimImu(ImuSource, SimPassed[Imu]):
     """The simulated inertial unit, with the calibration of a real unit."""
 
-    def passed(self, value: Imu) -> Imu:
+    def measured(self, value: Imu) -> Imu:
         """The sample with the correction applied."""
         return self.corrected(value)
 
 
-class SimSonar(Sensor):
+class SimSonar(SimSensor[Range, Float]):
     """The simulated sonar of an air vehicle, which publishes the height with outlier rejection."""
 
-    name = "sim.sonar"
-
     def __init__(self, rate_hz: float, rest_hz: float, window: int) -> None:
-        self._period = RestPeriod(rate_hz, rest_hz)
-        self.period_s = self._period.period_s
+        super().__init__("sonar", Range, rate_hz, rest_hz)
         self._filter = MedianFilter(window)
-        self._reader: BoardReader[Range] | None = None
-        self._module: Module | None = None
-        self._writer: BoardWriter[Float] | None = None
-        self._sequence = 0
 
-    async def open(self, module: Module) -> None:
-        """Opens the board of the simulation, which may not exist yet."""
-        self._module = module
+    def publication(self, module: Module) -> BoardWriter[Float]:
+        """Opens the board of the height, without a rate: a sonar out of range publishes nothing, which is
+        not a fault."""
         self._filter.reset()
-        self._period.open(module)
-        self._reader = module.reader("sim/sensors/sonar", Range)
-        # without a rate, because a sonar out of range publishes nothing, which is not a fault
-        self._writer = module.writer("sensor/height", Float, unit="m", link="request")
+        return module.writer("sensor/height", Float, unit="m", link="request")
 
-    async def read(self, now_ns: int) -> bool:
-        """Publishes the filtered height, unless the ground is out of range."""
-        reader, writer = self._reader, self._writer
-        if reader is None or writer is None:
-            return False
-        self.period_s = self._period.period_s
-        scan = reader.value if await fresh(reader, self._sequence, self.period_s) else None
-        if scan is None or not scan.ranges_m:
-            return False
-        self._sequence = reader.sequence
-        height_m = self._filter.add(scan.ranges_m[0])
-        if height_m >= scan.max_m:
-            return False
-        writer.write(Float(round(height_m, 3)), reader.local_stamp_ns)
-        return True
-
-    async def close(self) -> None:
-        """Closes readers and writer."""
-        self._period.close()
-        if self._reader is not None:
-            self._reader.close()
-        if self._module is not None and self._writer is not None:
-            self._module.close_writer(self._writer)
-        self._reader = self._writer = None
+    def measured(self, value: Range) -> Float | None:
+        """The filtered height, or None if the ground is out of range."""
+        if not value.ranges_m:
+            return None
+        height_m = self._filter.add(value.ranges_m[0])
+        return None if height_m >= value.max_m else Float(round(height_m, 3))
 
 
 def make(config: Config, site: Site) -> list[Device]:
@@ -209,9 +205,9 @@ def make(config: Config, site: Site) -> list[Device]:
         return []
     rest_hz = rates.rest_hz
     found: list[Device] = [
-        SimSensor("gnss", "sensor/gnss", GnssFix, rates.gnss_hz, rest_hz),
-        SimSensor("range", "sensor/range", Range, rates.range_hz, rest_hz),
-        SimSensor("battery", "power/battery", BatteryState, rates.battery_hz, rest_hz),
+        SimPassed("gnss", "sensor/gnss", GnssFix, rates.gnss_hz, rest_hz),
+        SimPassed("range", "sensor/range", Range, rates.range_hz, rest_hz),
+        SimPassed("battery", "power/battery", BatteryState, rates.battery_hz, rest_hz),
     ]
     if site.airframe is not None:
         found.append(_flight(config, site.airframe))
