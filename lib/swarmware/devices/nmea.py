@@ -67,6 +67,7 @@ class SentenceReader:
             return None
         kind = SentenceType(fields[0][2:])
         expected = _FIELDS[kind]
+        # a valid checksum does not prove that the sentence is of this standard
         if len(fields) not in expected:
             wanted = " to ".join(dict.fromkeys((str(expected[0]), str(expected[-1]))))
             raise WireError(f"{kind} of {len(fields)} fields, expected {wanted}")

@@ -155,6 +155,7 @@ class World(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     def __post_init__(self) -> None:
         seen: set[str] = set()
         for obstacle in self.obstacles():
+            # events and findings name an obstacle, so its name must be unique
             if obstacle.name in seen:
                 raise InvalidInput(f"obstacle {obstacle.name!r}: the name is used twice, expected once")
             seen.add(obstacle.name)

@@ -75,6 +75,7 @@ class Check(Generic[D]):
         try:
             result = self._data()
             data = await result if inspect.isawaitable(result) else result
+            # the criterion of a module may fail as well, which the check then reports
             state = self._criterion(data)
             self._freeze_frame = str(data)[:FREEZE_FRAME_CHARACTERS]
         except SwarmError as error:

@@ -45,6 +45,7 @@ def assign(folder: Folder, platforms: list[Platform], overrides: dict[str, Param
 
     Raises: MissionError when a required role stays empty or an override is not a parameter of the mission.
     """
+    # refused, not ignored: a misspelt parameter would fly with its default
     unknown = sorted(overrides.keys() - folder.param_names())
     if unknown:
         known = ", ".join(sorted(folder.param_names())) or "it has none"
@@ -67,11 +68,13 @@ def assign(folder: Folder, platforms: list[Platform], overrides: dict[str, Param
             verb = "is not available" if role.platform else "is available"
             raise MissionError(f"role {role.name!r}: {wanted} {verb}; expected {expected}")
         filled.append((role, taken))
+        # a platform has one role; the roles come in the order of the manifest
         free = [platform for platform in free if platform not in taken]
     first = {role.name: taken[0].name for role, taken in filled if taken}
     assignments: list[MemberAssignment] = []
     for role, taken in filled:
         for index, platform in enumerate(taken):
+            # the later precedes: the operator over the role, the role over the mission
             params = {**folder.manifest.params, **folder.role_params(role, index), **overrides}
             binding = Binding(
                 platform.name, platform.kind, role.name, folder.manifest.name, name_roles(params, first)

@@ -87,6 +87,7 @@ class _Loader:
 
     def _reading(self) -> Reading:
         top = self._source.value
+        # without this shape each further check would report the same error again
         if not isinstance(top, dict) or not isinstance(top.get("mission"), dict):
             self._report("", "shape", 'expected an object {"mission": {"b0": {"type": "Start", …}, …}}')
             return Reading(None, tuple(self._findings))

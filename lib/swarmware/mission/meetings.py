@@ -102,6 +102,7 @@ def search(parts: list[Participant], budget: Budget) -> Deadlock | Failure | Too
 def _with_fewer(parts: list[Participant], budget: Budget) -> Failure | None:
     """A failure of as few members as the ensemble may have, where a number of them opens a barrier."""
     few = [part if part.take else msgspec.structs.replace(part, copies=1) for part in parts]
+    # without a quorum a smaller ensemble behaves like the whole one
     if few == parts or not _quorums(parts):
         return None
     ensemble = _Ensemble(few, budget, Faults.NONE)
@@ -196,6 +197,7 @@ class _Ensemble:
                 running = any(marking for members in now[0] for marking, _ in members)
                 self.succeeds = self.succeeds or not running
                 self.waits = self.waits or running
+                # with all faults a time-out would have ended the wait, so nothing can
                 if running and self._faults is Faults.ALL:
                     self.deadlock = self._explain(now)
             for move in moves:
@@ -249,8 +251,10 @@ class _Ensemble:
             for state in states
             if state[0] or not role.part.station or barrier in self._strict
         ]
+        # the search has fewer members than the ensemble: a quorum above them means all
         needed = min(params.quorum, len(participants)) if params.quorum != "all" else len(participants)
         gone = sum(1 for marking, _ in participants if not marking)
+        # a member that has passed this visit never comes to it again
         ahead = any(marking and visits[barrier] > visit for states in members for marking, visits in states)
         if len(group) >= needed:
             yield [SUCCESS] * len(group), True, "opened"
@@ -305,11 +309,13 @@ class _Ensemble:
         members = [list(states) for states in now[0]]
         for (number, index), (marking, entered) in changed.items():
             visits = self._enter(number, marking, entered, members[number][index][1])
+            # an error was found, which ends the search
             if visits is None:
                 return
             members[number][index] = (marking, visits)
         state = self._normal(members, over)
         self._budget.pay(_MOVE + _VISIT * len(self._names) * sum(map(len, members)))
+        # breadth first: the first way to a state is the shortest, which the trace shows
         if state not in self._came:
             self._came[state] = (now, label)
             self._queue.append(state)

@@ -109,6 +109,7 @@ class _Reducer:
         loops: list[int] = []
         for number in sorted(self._from[place]):
             transition = self._all[number]
+            # a Join: its branches are compared by another rule
             if transition.inputs != {place}:
                 return
             key = tuple(sorted(transition.outputs))
@@ -119,6 +120,7 @@ class _Reducer:
                 self._drop(number)
             else:
                 seen[key] = number
+        # without another transition one loop stays, or the place would look like a deadlock
         for number in loops if seen else loops[1:]:
             self._enclose(place, self._passed(self._all[number]))
             self._drop(number)
@@ -127,6 +129,7 @@ class _Reducer:
         """Merges an instantaneous place into the transitions that lead to it."""
         before, after = self._before(place), self._after(place)
         several = len(after) > 1
+        # a product of transitions would make the net larger, not smaller
         if not before or (several and len(before) * len(after) > len(before) + len(after)):
             return
         if any(place in t.outputs for t in after) or any(t.outputs.count(place) > 1 for t in before):
@@ -134,6 +137,7 @@ class _Reducer:
         if several and any(t.inputs & self._kept or len(t.inputs) > 1 for t in before):
             return  # a kept block keeps its outcomes, a Join has one
         numbers = self._into[place] | self._from[place]
+        # made before any is dropped: they read the transitions that go
         made = [self._joined(first, place, second) for first in before for second in after]
         for number in numbers:
             self._drop(number)
@@ -155,6 +159,7 @@ class _Reducer:
     def _loop(self, place: str) -> bool:
         """Merges a strongly connected set of places, one of which takes time, into one place."""
         members = self._circle(place)
+        # a loop without a pause is an error of its own, which must stay visible
         if len(members) < 2 or members <= self._instant or self._ends_at_once(*members):
             return False
         exits: list[Transition] = []
@@ -170,6 +175,7 @@ class _Reducer:
         for member in members - {place}:
             self._enclose(place, self._within.get(member, ()))
             self._redirect(member, place)
+        # a loop without an exit stays a livelock in the smaller net
         if not exits:
             self._add(Transition(self._net.owner[place], SUCCESS, frozenset({place}), (place,)))
         self._slow((place,))
@@ -183,6 +189,7 @@ class _Reducer:
             now = work.pop()
             for transition in self._after(now):
                 for target in transition.outputs if len(transition.outputs) == 1 else ():
+                    # such a place has a meaning of its own, and ends the circle
                     if target == self._net.start or target in self._kept or not self._is_plain(target):
                         continue
                     before.setdefault(target, []).append(now)
@@ -205,6 +212,7 @@ class _Reducer:
         if len(targets) != 1 or len(on[0].outputs) != 1:
             return
         (target,) = on[0].outputs
+        # the states of these places are part of the findings
         if target in self._kept or target in self._end_kind or target == place or not self._from[target]:
             return
         if self._ends_at_once(place):
@@ -237,6 +245,7 @@ class _Reducer:
             first = groups.setdefault(before, place)
             if first != place:
                 self._forget(place, first)
+                # the Join has one branch less: the next twin is compared with the rest
                 join = self._narrow(number, place)
         self._waiting_twins(number)
 
@@ -265,6 +274,7 @@ class _Reducer:
         """Output places that the transition marks twice."""
         outputs = self._all[number].outputs
         known = self._doubled.get(number)
+        # by identity: a rewritten transition has other outputs
         if known is None or known[0] is not outputs:
             counted = Counter(outputs)
             known = outputs, frozenset(place for place, times in counted.items() if times > 1)

@@ -40,6 +40,7 @@ def check(mission: MissionDefinition, budget: Budget | None = None, *, flies: bo
     """
     budget = budget or Budget()
     found = [*instants.check(mission), *plausible.check(mission)]
+    # only an air vehicle has a ground below it
     found += flight.below_ground(mission) if flies else []
     return [*found, *_states(mission, budget, flies=flies)]
 
@@ -48,10 +49,12 @@ def _states(mission: MissionDefinition, budget: Budget, *, flies: bool) -> list[
     """Findings in any state: detected on the reduced net, explained on the unreduced one if that is small."""
     whole = build(mission)
     found = explore(mission, reduced(mission, whole, budget), budget, flies=flies)
+    # a sound mission needs no explanation, which is the usual case
     if not found or budget.spent:
         return found
     part = Budget(QUICK_BYTES)
     explained = explore(mission, whole, part, flies=flies)
+    # the whole net has shorter traces, if it can be explored in time
     return found if part.spent else explained
 
 
@@ -114,6 +117,7 @@ class _Exploration:
             )
             found += self._flight.remarks()
             return [*found, Remark(self._mission.start, "unknown", TOO_LARGE, message)]
+        # with two tokens in a block the markings are incomplete, and further findings would be false
         if not self._unsafe:
             found += self._dead()
             found += self._endless()
@@ -126,6 +130,7 @@ class _Exploration:
                 return False
             key = queue.popleft()
             marking = int.from_bytes(key, "little")
+            # the widest state is the reason that a too large check names
             if marking.bit_count() > self._widest.bit_count():
                 self._widest = marking
             after: list[Key] = []
@@ -148,6 +153,7 @@ class _Exploration:
             self._flight.end(step.block, marking, lambda: (*self._trace(key), *step.labels))
             self._cut_short(marking, key, step)
             cut = marking & ~step.inputs & ~self._cut_places
+            # a block that never completes is explained by the End that came first
             if cut:
                 self._cut_places |= cut
                 self._cutters |= dict.fromkeys(self._bits.blocks(cut), step.block)
@@ -228,6 +234,7 @@ class _Exploration:
                     "always comes before"
                 )
                 found.append(Remark(block.id, "error", "dead-block", message))
+            # after a deadlock later blocks are unreachable for that reason alone
             elif block.id in self._fired or self._stuck:
                 continue
             elif block.type != BlockName.JOIN and block.id in self._cutters:

@@ -52,6 +52,7 @@ def explain(message: str, raw: Any, cls: Any) -> Explanation:
         near = similar(found.unknown, known)
         hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(known)}"
         return Explanation((*path, found.unknown), f"unknown; {hint}")
+    # msgspec names the table, not the missing key, as the place
     if missing := _MISSING.match(found.text):
         expected = _name(_fields(kind).get(missing[1]))
         return Explanation((*path, missing[1]), f"missing; expected {expected}")

@@ -258,6 +258,7 @@ def decode(data: bytes | memoryview) -> Frame:
             raise WireError(f"frame of unknown codec {(flags & _CODEC_MASK) >> _CODEC_SHIFT}")
         codec, flags = coded, flags & ~_CODEC_MASK
     start = HEADER_BYTES + extension_length
+    # the length of the extension comes from outside
     if len(data) < start:
         raise WireError(f"frame of {len(data)} bytes: its extension needs {start}")
     return Frame(

@@ -51,6 +51,7 @@ class BoardReader(Generic[T]):
     def value(self) -> T | None:
         """The newest value, or None before the first."""
         ring = self._follower.ring
+        # one word of shared memory decides: most reads find no new value
         if ring is None or not ring.unchanged:
             self._take()
         return self._value
@@ -86,6 +87,7 @@ class BoardReader(Generic[T]):
         meta = self.meta
         if meta is None:
             return None
+        # the own clock needs no conversion
         if meta.sender_hw == self._node.hardware:
             return meta.stamp_ns
         return self._remote_clocks.to_local(meta.sender_hw, meta.stamp_ns)

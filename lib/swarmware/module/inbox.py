@@ -48,6 +48,7 @@ class Inbox(Generic[T]):
 
     def put(self, frame: Frame) -> Outcome | None:
         """Take a received message, from the router, or return None if the inbox is full."""
+        # before decoding, which a full inbox would do for nothing
         if len(self._queue) >= self._limit:
             return None
         try:

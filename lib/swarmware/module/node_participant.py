@@ -52,6 +52,7 @@ class NodeParticipant:
             live=live_settings,
             announce=node.announce_apps,
         )
+        # an operator may delete the run directory while the node runs
         node.keep_file(self._file.tend)
         self.remote_clocks = RemoteClocks(node)
         self.units = UnitDirectory(node)
@@ -118,6 +119,7 @@ class NodeParticipant:
     def declare(self, cls: type[msgspec.Struct]) -> None:
         """Describe a payload type of this application, for nodes without a module that defines it."""
         name = registry.type_name(cls)
+        # types of the library are known on each node of the same version
         if name in self._types or (cls.__module__.startswith(_EVERYWHERE) and registry.known(cls)):
             return
         from swarmware.types.description import (
@@ -209,6 +211,7 @@ class NodeParticipant:
         table = self.node.table
         if self._table_version != table.version:
             self._table_version = table.version
+            # a foreign program yields to everything; the node's own yield to each other only
             counted = table if self._file.is_foreign else table.of_node
             self._on_node = {one.data_id: one for entry in counted for one in entry.provides}
         return self._on_node
@@ -216,10 +219,12 @@ class NodeParticipant:
     def _changed(self) -> None:
         if not self._flush_comes:
             self._flush_comes = True
+            # a module declares a dozen resources at its start: one file, one bell
             asyncio.get_running_loop().call_soon(self._flush)
 
     def _flush(self) -> None:
         self._flush_comes = False
+        # the module has left between the call and this turn of the loop
         if self._file.closed:
             return
         self._file.write(

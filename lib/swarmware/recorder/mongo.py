@@ -102,6 +102,7 @@ class MongoStore:
 
     def prepare(self) -> None:
         """Creates the B-tree indexes of S0.71; cheap when they exist."""
+        # the server may be another one, or empty, after a lost connection
         self._stored_types.clear()
         with _translated():
             self._frames.create_index(
@@ -127,6 +128,7 @@ class MongoStore:
                 for queue in sorted({entry.queue for entry in entries}):
                     if self._bytes[queue] > self._queue_bytes:
                         self._trim(queue)
+            # last: an entry behind the cursor is never sent again
             self._cursors.replace_one(
                 {"_id": platform},
                 {"_id": platform, **msgspec.to_builtins(cursor)},
@@ -148,6 +150,7 @@ class MongoStore:
         at fault, not the document.
         """
         refused = self._replace([(entry, to_document(entry, self._queue_size)) for entry in entries])
+        # less and less of an entry is tried, so that a name and a stamp remain of each
         without_value = self._replace(self._bare(refused))
         if left := self._replace(self._bare(without_value, with_payload=False)):
             raise SwarmError(f"MongoDB refuses entries: {left[0].reason}")
@@ -175,15 +178,18 @@ class MongoStore:
         if not slots:
             return []
         try:
+            # unordered: a refused document does not stop the ones behind it
             self._frames.bulk_write([self._slot(*slot) for slot in slots], ordered=False)
         except BulkWriteError as error:
             refused = error.details.get("writeErrors")
             if not refused:
                 raise  # of the write concern: the documents are stored, but not as safely as asked
+            # not the documents are at fault: the batch is repeated when there is room
             if any(one["code"] in _NO_ROOM for one in refused):
                 raise SwarmError(f"MongoDB has no room: {_short(str(refused[0]['errmsg']))}") from error
             return [RefusedEntry(slots[one["index"]][0], _short(str(one["errmsg"]))) for one in refused]
         except (OperationFailure, InvalidDocument) as error:
+            # a fault of the server or of the rights, which smaller requests would have as well
             if isinstance(error, OperationFailure) and error.code not in _MALFORMED:
                 raise
             if len(slots) == 1:
@@ -193,6 +199,7 @@ class MongoStore:
         return []
 
     def _slot(self, entry: LogEntry, document: RawBSONDocument) -> ReplaceOne[Any]:
+        # measured once by the server; then an upper bound is counted here
         if entry.queue not in self._bytes:
             self._bytes[entry.queue] = self._measured(entry.queue)
         self._bytes[entry.queue] += len(document.raw)
@@ -208,6 +215,7 @@ class MongoStore:
         """Removes the oldest entries of a queue that exceeds its size limit."""
         measured = self._measured(queue)
         if measured > self._queue_bytes:
+            # below the limit, so that not every batch has to trim
             excess = measured - int(self._queue_bytes * _TRIMMED)
             sizes = self._frames.find({"queue": queue}, {"sequence": 1, "size": {"$bsonSize": "$$ROOT"}})
             last = -1
@@ -241,6 +249,7 @@ class MongoStore:
         )
         described = {one["_id"]: str(one["description"]) for one in self._types.find()}
         made = (from_document(one, described) for one in found)
+        # again here: the filter of the server is wider than the pattern
         matching = (entry for entry in made if pattern.matches(entry.topic))
         taken = islice(matching, query.limit)
         yield from reversed(list(taken)) if query.newest else taken

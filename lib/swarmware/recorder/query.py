@@ -82,6 +82,7 @@ class FolderSource:
         Raises: InvalidInput when the folders have nothing but logs of other programs.
         """
         wanted = Filter(query)
+        # again for each query: files may have come, and former damage may be gone
         self._foreign = self._found_foreign()
         self._damage = {
             path: "no readable record" for directory in self.directories for path in set_aside(directory)

@@ -107,6 +107,7 @@ class Scan:
                 return Record(start, opcode, self._bytes(start + RECORD.size, end), end)
             # either this length is invalid, or the next record is damaged
             again = self._resume(start + 1)
+            # this record is whole: the damage begins behind it
             if again is None or (again > end and self._header_half_valid(end, again)):
                 return Record(start, opcode, self._bytes(start + RECORD.size, end), end)
         else:
@@ -204,6 +205,7 @@ def has_end(file: BinaryIO, size: int) -> int | None:
         return None
     file.seek(size - len(RESERVED_END))
     data = file.read(len(RESERVED_END))
+    # the end of the reserved room, not the end of the log
     if data == RESERVED_END:
         return None
     data = data[-tail:]

@@ -318,7 +318,7 @@ class SegmentReader:
         if last is None and self.sound:
             last = self.counters.get(queue, 0)
         if last is not None:
-            # no more entries are missing than fit into the damaged bytes
+            # the damaged bytes bound the number of missing entries
             room = (self.damaged_bytes - self._room.get(queue, 0)) // _SMALLEST
             if not last < sequence <= last + 1 + room:
                 self._count(record.end - record.start)

@@ -80,6 +80,7 @@ def effective_config(
             problems.append(file.problem)
         for name, key, setting in chosen:
             keys.append(_key(name, key, file, running.get(running_name), setting, meanings=meanings))
+    # these files have no keys of their own; only their errors are reported
     for load_file in (load_acl, load_channels):
         try:
             load_file(folder)

@@ -259,6 +259,7 @@ class ServiceHost:
                 continue
             pause_s = policy.on_end(time.monotonic_ns()) or 0.0
             log.log(level, "%s: starts again in %s s (restart %d)", item.name, pause_s, policy.restarts)
+            # after the log line, which states the pause
             await asyncio.sleep(pause_s)
             try:
                 item = item.reloaded()

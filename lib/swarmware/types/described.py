@@ -49,6 +49,7 @@ class _ClassMaker:
             return self._made[name]
         if depth > DEPTH_LIMIT:
             raise WireError(f"type {self._top}: nested deeper than {DEPTH_LIMIT} types")
+        # marked before its fields are made, which may refer to it
         self._made[name] = None
         described = self._described[name]
         try:
@@ -64,6 +65,7 @@ class _ClassMaker:
         fields: list[Any] = []
         renamed: dict[str, str] = {}
         for place, field in enumerate(described.fields):
+            # a language other than Python may have described the type
             usable = field.name.isidentifier() and not keyword.iskeyword(field.name)
             name = field.name if usable and not field.name.startswith("_") else f"field_{place}"
             if name != field.name:
@@ -101,6 +103,7 @@ class _ClassMaker:
 
     def _type(self, text: str, depth: int) -> Any:
         try:
+            # parsed, never evaluated: the text comes from another platform
             tree = ast.parse(text, mode="eval")
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
             raise WireError(f"type {self._top}: {text[:80]!r} is not a type") from error

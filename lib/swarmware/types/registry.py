@@ -50,6 +50,7 @@ def register(cls: type[T]) -> type[T]:
 
     Raises: InvalidInput when another class has the name already.
     """
+    # the same class may be registered twice, by a module that is reloaded
     known = _TYPES.setdefault(cls.__name__, cls)
     if known is not cls and known.__module__ != cls.__module__:
         raise InvalidInput(f"type {cls.__name__} of {cls.__module__}: the name belongs to {known.__module__}")
@@ -81,6 +82,7 @@ def find(name: str) -> type[msgspec.Struct]:
 
     Raises: NotFound when no loaded module defines it.
     """
+    # all areas are imported only for an unknown name: most processes need a few of them
     if name not in _TYPES:
         _import_all()
     try:

@@ -86,7 +86,7 @@ def _show(session: Session, found: VideoSessions) -> None:
 
 
 def _sent(one: VideoSession, cell: Cell) -> Cell:
-    """The cell of a session that this platform sends, empty for one that it receives."""
+    """The cell of a session that this platform sends, or an empty one for a received session."""
     return cell if one.direction == VideoDirection.SENT else ""
 
 

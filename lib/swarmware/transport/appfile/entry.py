@@ -98,6 +98,7 @@ def decode(data: bytes, source: str, *, whole: bool = True) -> AppEntry:
             # after the checksum, which covers the whole text
             if not whole and (head := _head(text, source)) is not None:
                 return head
+            # a configuration may have infinite numbers, which TOML permits
             return msgspec.convert(document.toml(text, source, finite=False), AppEntry)
     except (ValueError, msgspec.ValidationError) as error:
         raise WireError(f"{source}: not an application file: {error}") from error

@@ -82,6 +82,7 @@ class Joiner:
             return self._refused(answer, f" ({UNSIGNED})")
         if answer.refusal:
             try:
+                # an inviter of a later version may have further reasons
                 refusal = JoinRefusal(answer.refusal)
             except ValueError as error:
                 text = f"{answer.reason or 'for a reason that is not known here'}"

@@ -158,6 +158,7 @@ class MessageEndpoint:
             self._conversions.clear()
         elif hardware in self._conversions:
             return self._conversions[hardware]
+        # the newest source: the oldest may belong to a module that is leaving
         clocks = next(reversed(self._clocks), None)
         conversion = None if clocks is None else clocks.conversion(hardware)
         self._conversions[hardware] = conversion
@@ -177,6 +178,7 @@ class MessageEndpoint:
         future: asyncio.Future[Outcome] = self._loop.create_future()
         key = Outbox.key(frame)
         self._messages[key] = future
+        # also when its caller is cancelled: the router must not repeat the message then
         future.add_done_callback(partial(self._message_done, key))
         self._refresh_for(frame)
         now_ns = self._clock.now_ns()
@@ -275,6 +277,7 @@ class MessageEndpoint:
     def _on_frame_of_user(self, frame: Frame, caller: Caller, connection: IpcConnection) -> None:
         """A frame of another user of this computer, who has the rights that the access rules give it."""
         assert self._callers is not None
+        # a frame for another platform is judged there; only the role of the user is added here
         onward, now_ns = self._router.leaves_node(frame), self._clock.now_ns()
         try:
             self._check_kind(frame, caller, connection, onward=onward)
@@ -312,6 +315,7 @@ class MessageEndpoint:
 
         Raises: WireError.
         """
+        # a user must not send frames in the name of another platform
         if onward and not self._router.is_own(frame):
             raise WireError(f"sender {frame.sender_hw:08x} in a frame of {caller.name}")
         if answerable(frame):
@@ -320,6 +324,7 @@ class MessageEndpoint:
             raise WireError(f"frame of kind {frame.kind.name.lower()} of {caller.name}")
         self._refresh()
         server = self._table.serving(frame.data_id)
+        # an answer counts only from the process that was asked
         if server is None or not connection.address or server.endpoint != connection.address:
             raise WireError(f"answer of {caller.name}, whose program was not asked")
 

@@ -231,6 +231,7 @@ def _open_group(roster: Roster, member: RosterMember, curve_secret: bytes) -> Gr
 
 def _kept(keys: tuple[GroupKey, ...], epoch: int) -> tuple[GroupKey, ...]:
     """Former keys whose mark in datagrams is not used by a later key, the newest first."""
+    # marks in datagrams repeat after as many rotations
     former = {key.epoch: key for key in keys if epoch - FORMER_MAX <= key.epoch < epoch}
     return tuple(former[each] for each in sorted(former, reverse=True))
 

@@ -197,6 +197,7 @@ def make_swarm(directory: Path, platforms: Iterable[str] | Mapping[str, str], sw
     roles = dict(platforms) if isinstance(platforms, Mapping) else dict.fromkeys(platforms, "node")
     seeds = {check_platform(platform): os.urandom(SEED_BYTES) for platform in roles}
     root = Root.make(directory, swarm or directory.name, replace=True)
+    # all together: one version of the roster, and one group key
     signed = root.admit(
         *(candidate(platform, roles[platform], seed, root.public) for platform, seed in seeds.items())
     )

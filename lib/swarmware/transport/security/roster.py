@@ -164,6 +164,7 @@ def parse_roster(text: bytes, root_public: bytes, source: str) -> Roster:
         serials.add(member.serial)
     # revoked entries may repeat the name of a valid one
     valid = [member.platform for member in roster.valid()]
+    # with two valid entries the role would depend on their order
     if len(set(valid)) != len(valid):
         twice = next(name for name in valid if valid.count(name) > 1)
         raise ConfigError(f"{source}: {twice}: two valid entries, expected one")

@@ -63,6 +63,7 @@ class PartialFile:
         # another size: a kill has interrupted the reservation, and no block is valid
         is_former = os.fstat(self._descriptor).st_size == self.size_bytes
         try:
+            # the kernel refuses to reserve an empty range
             if self.size_bytes:
                 # a full disk shows before the transfer, not after an hour of it
                 os.posix_fallocate(self._descriptor, 0, self.size_bytes)
