@@ -17,7 +17,7 @@ Seed = Annotated[str, msgspec.Meta(min_length=3, max_length=260)]
 
 
 class FrameCarrier(StrEnum):
-    """What carries the frames to neighbours."""
+    """Carrier of the frames to neighbours."""
 
     AUTO = "auto"
     TCP = "tcp"
@@ -25,7 +25,7 @@ class FrameCarrier(StrEnum):
 
 
 class Carries(StrEnum):
-    """What a medium is used for."""
+    """Use of a medium."""
 
     ALL = "all"
     PAYLOAD = "payload"
@@ -104,7 +104,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     relay_bytes_s: Annotated[float, msgspec.Meta(ge=0, le=1_000_000)] = 5000.0
     """Budget for relaying boards of other nodes with their proofs, in bytes per second."""
     frames: FrameCarrier = FrameCarrier.AUTO
-    """What carries frames to neighbours: tcp, udp (acknowledged datagrams), or auto: udp where a link loses
+    """Carrier of frames to neighbours: tcp, udp (acknowledged datagrams), or auto: udp where a link loses
     packets, tcp elsewhere."""
     outages: Annotated[int, msgspec.Meta(ge=0, le=1000)] = 100
     """Number of finished outages of links that the node keeps, also over a restart."""

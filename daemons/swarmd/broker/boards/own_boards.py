@@ -15,7 +15,7 @@ from swarmware.transport.shm.layout import ring_file
 from swarmware.types import registry
 
 VALUE_LIMIT: Final = BODY_LIMIT - 200
-"""Largest value: it must fit beside a hello and some rows."""
+"""Largest value, which must fit beside a hello and some rows."""
 LOOK_AGAIN_NS: Final = 500_000_000
 """Period of the attempts to open a ring that does not exist yet."""
 
@@ -94,7 +94,7 @@ def _wire_form(type_name: str, frame: Frame) -> tuple[bytes, bool]:
     try:
         cls = registry.find(type_name)
     except NotFound:
-        return payload, False  # a type that is not installed here: it is sent unchanged
+        return payload, False  # the type is not installed here, so the value is sent unchanged
     if not hasattr(cls, "unpack"):
         return payload, False
     packed, codec = registry.pack(registry.decode(cls, payload))

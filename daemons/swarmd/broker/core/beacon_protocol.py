@@ -57,7 +57,7 @@ class ReceivedBeacon(msgspec.Struct, frozen=True, gc=False):
     first_hello: bool
     """First hello of a new or restarted neighbour: answer soon with an own hello."""
     is_asked: bool
-    """It asks for a beacon of this node."""
+    """The neighbour asks for a beacon of this node."""
     unsigned: list[UnsignedValue]
     """Relayed values without a valid proof."""
 
@@ -173,8 +173,8 @@ class BeaconProtocol:
         rx_ns: int,
         proof: ValueProof | None = None,
     ) -> ReceivedBeacon | None:
-        """Takes a genuine beacon, with the proof of its values to others. None: it is malformed, or the
-        neighbour table is full."""
+        """Takes a genuine beacon, with the proof of its values to others; returns None if it is malformed,
+        or the neighbour table is full."""
         hw = header.sender_hw
         if hw in (0, self.identity.hw):
             self.counters.refused.malformed += 1
@@ -339,8 +339,11 @@ class BeaconProtocol:
         return OutgoingBeacon(self.topology.next_sequence(), hello is not None, beacon, period_ns)
 
     def _solicitation(self, asked: tuple[int, ...], now_ns: int, *, has_hello: bool) -> Solicitation | None:
-        """What the beacon asks, and the own time to answer: with hellos while links change or the rate falls,
-        else when it has changed, so that nothing is sent at rest, and at 10 Hz nothing at all."""
+        """The neighbours that the beacon asks, and the own time to answer.
+
+        The time goes with hellos while links change or the rate falls, and otherwise when it has changed: a
+        node at rest does not repeat it, and a node at 10 Hz never states it.
+        """
         answer_ms = min(self._answer_ns(now_ns) // 1_000_000 + 1, 0xFFFF)
         if ANSWER_SHARE * self.hellos.declared_ns < answer_ms * 1_000_000:
             answer_ms = 0

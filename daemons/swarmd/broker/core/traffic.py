@@ -200,7 +200,7 @@ class FrameAccounts:
         return self._channels
 
     def offered(self, frame: Frame, *, first: bool) -> None:
-        """Counts a frame of an application of this node; not `first`: it is sent again."""
+        """Counts a frame of an application of this node; `first`: False for a retransmission."""
         channels = self.channels(frame)
         for channel, size in channels:
             if first:

@@ -8,7 +8,7 @@ from swarmware.model.frame import Frame
 
 
 class Carrier(Protocol):
-    """What carries frames to all neighbours: connections, or reliable datagrams."""
+    """The transport of frames to all neighbours: connections, or reliable datagrams."""
 
     def send(self, peer: LinkPeer, queued: QueuedFrame, /) -> list[QueuedFrame]:
         """Sends or queues a frame for a neighbour; returns the frames that are given up for it."""

@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 
 class UnitDelays:
-    """Holds frames back, each sender's for its own times: its frames stay in order."""
+    """Holds the frames of each sender back for times of its own, so that they stay in order."""
 
     def __init__(self, shortest_ms: float, longest_ms: float) -> None:
         self._limits_ms = (shortest_ms, longest_ms)

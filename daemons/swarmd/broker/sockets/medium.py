@@ -13,11 +13,11 @@ class MediumDatagram(msgspec.Struct, frozen=True, gc=False):
 
     data: bytes
     address: Address
-    """Its source: on a serial line the name of the medium."""
+    """Source address, or on a serial line the name of the medium."""
     rx_mono_ns: int
     """CLOCK_MONOTONIC at its arrival."""
     by_multicast: bool = True
-    """It went to all nodes of the medium."""
+    """The datagram went to all nodes of the medium."""
     number: int | None = None
     """Number of 16 bits that the medium gives its datagrams, or None if it gives none."""
 

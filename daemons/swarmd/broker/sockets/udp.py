@@ -27,7 +27,7 @@ and the period of the navigator, which runs after the broker has read.
 A datagram costs 30 µs right after another one, several times that with cold caches
 (`tests/bench/beacons.py`). The kernel's timestamps give the arrival of each."""
 REST_WINDOW_NS: Final = 100_000_000
-"""The same interval while nodes send at most four beacons a second, the rate at rest. The
+"""Interval of batch reads while nodes send at most four beacons a second, the rate at rest. The
 members of a barrier leave 250 ms after it opens."""
 REST_PERIOD_NS: Final = 250_000_000
 DATAGRAM_MAX: Final = 2048
@@ -219,7 +219,7 @@ async def resolve(seed: str, loop: asyncio.AbstractEventLoop) -> Address | None:
 
 
 def loopback_only(config: Config) -> Config:
-    """The same settings, for a node that must not communicate with other computers."""
+    """The settings for a node that must not communicate with other computers."""
     return msgspec.structs.replace(
         config,
         bind_address=config.bind_address if config.bind_address.startswith("127.") else LOOPBACK,

@@ -62,7 +62,7 @@ class Hello(msgspec.Struct, frozen=True, gc=False):
     """Identity and declared periods of the sender, every second or two."""
 
     boot_id: int
-    """Of the sender's hardware clock."""
+    """Boot id of the sender's hardware clock."""
     clock_high: int
     """The sender's clock in µs, shifted right by 32 bits: the upper part of `tx_us`."""
     tcp_port: int
@@ -160,9 +160,9 @@ class RelayedValue(msgspec.Struct, frozen=True, gc=False):
     packed: bool
     payload: bytes
     proof: ValueProof | None = None
-    """That the origin sent it; only where every beacon is signed."""
+    """Proof that the origin sent the value, in swarms with keys."""
     position: int = 0
-    """Among the values of the beacon that the proof is of."""
+    """Position among the values of the beacon to which the proof belongs."""
 
 
 class Beacon(msgspec.Struct, frozen=True, gc=False):
@@ -181,12 +181,12 @@ class Beacon(msgspec.Struct, frozen=True, gc=False):
     structure_questions: tuple[int, ...] = ()
     """Hardware ids of nodes whose structure the sender needs."""
     signature: BeaconSignature | None = None
-    """Of the sender, in some beacons; added after encoding."""
+    """Signature of the sender, which is added after encoding."""
     media: tuple[MediumListing, ...] = ()
-    """By which media the sender receives whom; none from a node with one medium."""
+    """Media by which the sender receives its neighbours; empty from a node with one medium."""
     neighbour_requests: tuple[NeighbourRequest, ...] = ()
     solicitation: Solicitation | None = None
-    """Which neighbours are overdue, and the sender's own time to answer."""
+    """Neighbours that are overdue, and the time in which the sender answers."""
 
 
 def encode_age(age_us: int) -> int:

@@ -423,7 +423,7 @@ class _Section(NamedTuple):
     bit: int
     encode: Callable[[Any], bytes]
     decode: Callable[[bytes, int], tuple[Any, int]]
-    """From the body and the offset of the section: its content, and the offset behind it."""
+    """Maps the body and the offset of the section to its content and the offset behind it."""
 
 
 _SECTIONS: Final = (

@@ -10,7 +10,7 @@ from swarmd.broker.core.beacon.beacon import NEVER_NS
 IDLE_HZ: Final = 2.0
 """Rate of a node without subscribers."""
 CHANGING_HZ: Final = 5.0
-"""The same while links change: at 2 Hz a node at 10 m/s detects the end of a link too late."""
+"""Rate while links change: at 2 Hz a node at 10 m/s would detect the end of a link too late."""
 MIN_HZ: Final = 0.2
 QUIET_HELLOS: Final = 4
 """Consecutive hellos that declare a longer period before the rate falls: at a loss of 30 % a neighbour misses
@@ -24,7 +24,8 @@ JITTER: Final = 0.05
 OVERLOAD_RATIO: Final = 0.2
 """The processor is overloaded when half of the last beacons were later than this share of the period."""
 RECOVERY_RATIO: Final = 0.1
-"""It has recovered when at the faster rate they would have been less late than this share."""
+"""The processor has recovered when half of the last beacons were less late than this share of the faster
+period."""
 EVALUATION_NS: Final = 900_000_000
 """Period of evaluations: at 10 Hz before the link timeout of a second ends."""
 EVALUATED_MIN: Final = 3
@@ -164,7 +165,7 @@ class BeaconSchedule:
         self._left_ns = NEVER_NS
 
     def trigger(self, now_ns: int, gap_ns: int) -> bool:
-        """Schedules a triggered beacon, at least `gap_ns` after the last one. True: it is due earlier now."""
+        """Schedules a triggered beacon, `gap_ns` or more after the last one; returns whether it is sooner."""
         self.urgent = True
         soon_ns = max(now_ns + round(TRIGGERED_NS * (0.1 + 0.9 * self._chance())), self._left_ns + gap_ns)
         if soon_ns >= self.due_ns:
@@ -183,8 +184,8 @@ class BeaconSchedule:
         self.due_ns = (now_ns // period_ns + 1) * period_ns
 
     def defer_after_skip(self, now_ns: int, period_ns: int) -> bool:
-        """Delays the beacon after a skipped one by random jitter. True: it was delayed, and must not be
-        skipped.
+        """Delays the beacon after a skipped one by random jitter; returns whether it was delayed, and so must
+        not be skipped.
 
         Nodes check at the same instants; without jitter they would send at the same instants.
         """

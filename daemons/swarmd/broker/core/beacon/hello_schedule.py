@@ -12,12 +12,13 @@ from swarmware.types.net import TreePlan
 HELLO_NS: Final = 2_000_000_000
 """Period of hellos."""
 HELLO_CHANGING_NS: Final = 1_000_000_000
-"""The same while links change (others come into range), and once after a change of tree or mission."""
+"""Period of hellos while links change, as others come into range, and once after a change of tree or
+mission."""
 SILENCE_NS: Final = 430_000_000
 """A node whose boards do not change sends a beacon in the first slot after this time: at 10 Hz every half
 second, as a node without subscribers."""
 FIRST_SILENCE_NS: Final = 350_000_000
-"""The same until hellos have declared it: neighbours tolerate the loss of one datagram."""
+"""Silence until hellos have declared the longer one: neighbours then tolerate the loss of one datagram."""
 ROSTER_HELLOS: Final = 3
 """Consecutive beacons with a hello after a change of the roster: two may be lost."""
 REST_HELLOS: Final = 3
@@ -39,7 +40,7 @@ class NodeIdentity(msgspec.Struct, frozen=True):
 
 
 class Moment(NamedTuple):
-    """What decides about the hello of the next beacon."""
+    """The state on which the hello of the next beacon depends."""
 
     now_ns: int
     sent_ns: int

@@ -43,7 +43,7 @@ _UNLIMITED: Final = {
 
 
 class KeptRule(msgspec.Struct, frozen=True):
-    """What operators have set for one pattern and link."""
+    """Settings of operators for one pattern and link."""
 
     settings: ChannelSettings
     ends_ns: int | None = None
@@ -75,7 +75,7 @@ class ChannelTable:
     def __init__(self, file_rules: Iterable[ChannelLimit] = ()) -> None:
         self._file_rules = tuple(file_rules)
         self._rules: dict[_Key, KeptRule] = {}
-        """Those of operators, the newest first."""
+        """Rules of operators, the newest first."""
         self._before: list[dict[_Key, KeptRule]] = []
         """The rules before each of the last changes."""
         self.version = 0
@@ -140,7 +140,7 @@ class ChannelTable:
         self.version += 1
 
     def kept(self, boot_id: int) -> KeptChannels:
-        """What outlives the broker."""
+        """State that outlives the broker."""
         return KeptChannels(boot_id, _listed(self._rules), tuple(map(_listed, self._before)))
 
     def restore(self, kept: KeptChannels, boot_id: int, now_ns: int) -> None:

@@ -25,7 +25,7 @@ class _Subscription:
     def __init__(self, want: BoardSubscription) -> None:
         self.want = want
         self.channel: ChannelCounters | None = None
-        """Its counters; None until the first value."""
+        """Counters of its channel, or None until the first value."""
 
 
 class ReceivedValues:

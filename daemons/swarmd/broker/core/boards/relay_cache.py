@@ -17,7 +17,7 @@ PERIOD_NS: Final = 130_000_000
 Of 16 moving nodes each sends 4.6 kB/s, and at two hops 95 % of the poses are younger than 0.27 s; of 100
 nodes 7.1 kB/s and 0.29 s (tests/bench/pose_ages.py)."""
 FURTHER_NS: Final = 500_000_000
-"""What each further hop from the origin adds to the period."""
+"""Addition to the period for each further hop from the origin."""
 REPEAT_NS: Final = 800_000_000
 """Period in which an unchanged value is relayed again; its origin repeats it every second."""
 OLDEST_NS: Final = 5_000_000_000
@@ -107,8 +107,10 @@ class RelayCache:
         proof: ValueProof | None = None,
         position: int = 0,
     ) -> RemoteValue | None:
-        """Takes a value from its origin, whose clock was `clock_us` when it sent it. None: it is not newer.
-        `proof`: of the values of the beacon."""
+        """Takes a value from its origin, whose clock was `clock_us` at the send; None if not newer.
+
+        `proof`: of the values of the beacon.
+        """
         return self.on_value(
             origin_hw,
             origin_hw,
@@ -124,8 +126,8 @@ class RelayCache:
         )
 
     def on_relayed(self, relay_hw: int, value: RelayedValue, rx_ns: int) -> None:
-        """Takes a relayed value whose origin this node receives itself: it is not used, but shows who has
-        it."""
+        """Takes a relayed value whose origin this node receives itself; it only shows which nodes have the
+        value."""
         self.was_late = False
         entry = self._entries.get((value.origin_hw, value.data_id))
         if entry is None:
@@ -149,9 +151,9 @@ class RelayCache:
         proof: ValueProof | None = None,
         position: int = 0,
     ) -> RemoteValue | None:
-        """Takes a value of a beacon, the sender's own (`hops` 1) or relayed by it. None: it is not newer.
+        """Takes a value of the sender (`hops` 1) or a relayed one; returns None if it is not newer.
 
-        `proof`: a valid one.
+        `proof`: its valid proof.
         """
         entry = self._entries.get((origin_hw, data_id))
         if entry is None:

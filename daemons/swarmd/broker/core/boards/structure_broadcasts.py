@@ -18,7 +18,7 @@ RECEIVED_MAX: Final = 1024
 
 
 class BeaconStructures(msgspec.Struct, frozen=True, gc=False):
-    """What the next beacon has of structures."""
+    """The sections of the next beacon about structures."""
 
     structure: StructurePart | None = None
     questions: tuple[int, ...] = ()
@@ -63,7 +63,7 @@ class StructureBroadcasts:
         ]
 
     def offer(self) -> None:
-        """The next beacon answers nodes that did not accept this one before: they need its structure."""
+        """The next beacon answers nodes that did not accept this node before and need its structure."""
         self._is_offered = True
 
     def is_due(self, now_ns: int) -> bool:
@@ -77,7 +77,7 @@ class StructureBroadcasts:
         ]
 
     def compose(self, now_ns: int, room: int, *, has_neighbours: bool) -> BeaconStructures:
-        """What the next beacon has of structures, in at most `room` bytes."""
+        """The sections of the next beacon about structures, in at most `room` bytes."""
         part: StructurePart | None = None
         is_offered, self._is_offered = self._is_offered, False
         if (self._is_due or is_offered) and (own := self._broadcast) is not None:

@@ -36,7 +36,7 @@ class LinkQuality(msgspec.Struct, frozen=True):
     rtt_ns: int = 0
     """Round trip, or 0 if not measured."""
     silence: float = 0.0
-    """The same share if beacons that are overdue count as lost."""
+    """Share of lost beacons if overdue ones count as lost."""
     is_opening: bool = False
     """Whether a connection to it is not open."""
 
@@ -65,7 +65,7 @@ class CarrierChoice:
         self._unopened_since_ns: int | None = None
         """Since when frames wait although no connection is open."""
         self._is_unopened = False
-        """They have waited for too long."""
+        """Frames have waited for an open connection for too long."""
         self._clean_since_ns: int | None = None
 
     @property
@@ -129,7 +129,7 @@ class CarrierChoice:
         self._unopened_since_ns, self._is_unopened = None, False
 
     def on_block(self, until_ns: int) -> None:
-        """The neighbour does not acknowledge datagrams: it gets none until then."""
+        """The neighbour does not acknowledge datagrams, so it gets none until then."""
         self.by_datagram, self.blocked_until_ns = False, until_ns
 
     def end_when_clean(self, is_used: bool, now_ns: int) -> None:

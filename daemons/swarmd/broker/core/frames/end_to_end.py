@@ -30,11 +30,11 @@ class AuthenticatedFrame(msgspec.Struct, frozen=True):
     """Nodes that forwarded it, the first one first."""
     arrived_ns: int
     first: bool
-    """It was not received before."""
+    """The frame was not received before."""
 
 
 class Incoming(msgspec.Struct, frozen=True):
-    """What follows from a frame for this node."""
+    """Consequences of a frame for this node."""
 
     arrivals: tuple[AuthenticatedFrame, ...] = ()
     """Frames to be delivered."""

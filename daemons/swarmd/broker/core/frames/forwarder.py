@@ -24,7 +24,7 @@ class ForwardStep(IntEnum):
     LOOPED = 5
     """Received again with fewer hops left."""
     SPOOFED = 6
-    """It has all its hops left, but came from another member than its sender."""
+    """Another member than its sender sent it with all its hops left."""
 
 
 class ForwardDecision(msgspec.Struct, frozen=True, gc=False):
@@ -32,9 +32,9 @@ class ForwardDecision(msgspec.Struct, frozen=True, gc=False):
 
     step: ForwardStep
     via: int = 0
-    """Next hop."""
+    """Hardware id of the next hop."""
     first: bool = True
-    """It is not a retransmission of a forwarded frame."""
+    """The frame is not a retransmission of a forwarded frame."""
 
 
 _DELIVER: Final = ForwardDecision(ForwardStep.DELIVER)

@@ -1,4 +1,4 @@
-"""Answers whose receiver has no route at the moment: they wait for one, because no sender repeats them."""
+"""Answers whose receiver has no route at the moment; they wait, because no sender repeats them."""
 
 from collections import deque
 from collections.abc import Callable
@@ -20,14 +20,14 @@ class WaitingAnswer(msgspec.Struct, frozen=True, gc=False):
 
     frame: Frame
     relayed: bool
-    """It is of another node, so nothing in it may change."""
+    """Another node made the answer, so nothing in it may change."""
     since_ns: int
 
 
 class WaitingAnswers:
     """Answers without a route, the oldest first; bounded in number, bytes and time.
 
-    A message or request without a route is refused instead: its sender gets the reason and repeats it.
+    A message or request without a route is refused instead: the sender gets the reason and repeats it.
     """
 
     def __init__(self) -> None:
@@ -38,7 +38,7 @@ class WaitingAnswers:
         return len(self._waiting)
 
     def hold(self, frame: Frame, relayed: bool, now_ns: int) -> bool:
-        """Keeps a frame until it has a route; False: it is not an answer."""
+        """Keeps an answer until it has a route; returns False for any other frame."""
         if frame.kind not in ANSWERS and frame.kind is not FrameKind.HELLO:
             return False
         self._waiting.append(WaitingAnswer(frame, relayed, now_ns))

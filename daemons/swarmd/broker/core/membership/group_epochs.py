@@ -21,7 +21,7 @@ class GroupEpochs:
         """Former keys by mark, and until when they open."""
 
     def rotate(self, group: GroupKey, now_ns: int) -> None:
-        """Take a new key: it opens at once, and seals when the neighbours have it."""
+        """Takes a new key, which opens at once, and seals when the neighbours have it."""
         if not self.is_switching:
             self._switch_ns = now_ns + SWITCH_NS
         self._former[self._newest.mark] = self._newest, now_ns + ACCEPT_NS

@@ -19,7 +19,7 @@ Address = tuple[str, int]
 
 
 class _Swarm(msgspec.Struct, gc=False):
-    """What arrived of one swarm."""
+    """Datagrams that arrived from one swarm."""
 
     datagrams: int = 0
     newest_ns: int = 0

@@ -20,7 +20,7 @@ from swarmware.footprint.blake2b import blake2b
 ALIVE_NS: Final = 1_500_000_000
 """A session without a datagram for this time has ended: two beacons a second are sent, one may be lost."""
 ENDED_NS: Final = 700_000_000
-"""The same for a session without a datagram since the other one began."""
+"""Silence after which a session has ended if no datagram of it came since the other session began."""
 AGAIN_NS: Final = 90_000_000
 """Minimum period of the same question."""
 PROVE_NS: Final = 300_000_000
@@ -65,11 +65,11 @@ class ReportImpersonation(msgspec.Struct, frozen=True):
     """Action: report a beacon that a member has sealed in the name of another one."""
 
     hw: int
-    """Whose name it used."""
+    """Hardware id of the node whose name was used."""
     host: str
-    """Its source address."""
+    """Source address of the beacon."""
     is_other_key: bool = False
-    """It has a signature, and its session is not accepted: perhaps that node signs with another key than the
+    """The beacon is signed, of a session that is not accepted: the node may sign with another key than the
     roster has."""
 
 
@@ -78,9 +78,9 @@ class ReportDuplicate(msgspec.Struct, frozen=True):
 
     platform: str
     own: bool
-    """It is the own name."""
+    """The platform name is the own one."""
     first: bool
-    """It was not reported before."""
+    """The duplicate was not reported before."""
 
 
 class ReportDuplicateGone(msgspec.Struct, frozen=True):
@@ -91,7 +91,7 @@ class SessionOutcome(msgspec.Struct, frozen=True, gc=False):
     """Consequences of one datagram."""
 
     accepted: bool
-    """It belongs to the accepted session of its sender."""
+    """The datagram belongs to the accepted session of its sender."""
     adopted: bool = False
     """This datagram made the session the accepted one."""
     soon: bool = False
@@ -127,7 +127,7 @@ class _PendingSession:
         self.answered = False
         self.proven = False
         self.by_network = False
-        """It was received by a medium on which it can connect, to prove itself."""
+        """A medium with connections brought a beacon of it, so it can prove itself."""
 
 
 class _CurrentSession:
@@ -177,9 +177,9 @@ class Sessions:
     ) -> SessionOutcome:
         """Takes a datagram with a valid seal, perhaps of another computer with the own name.
 
-        `is_proven`: its sender itself made it; otherwise perhaps another member did: it asks, answers
-        nothing, and does not show that its session has not ended. `by_network`: its sender can prove itself
-        over a connection.
+        `is_proven`: its sender made it; any other member could have made an unproven one, whose questions
+        count, but not its answers, and which does not keep its session alive. `by_network`: its sender can
+        prove itself over a connection.
         """
         present = self._present.get(hw)
         is_present = present is not None and present.session == session

@@ -22,7 +22,7 @@ class MetricKind(StrEnum):
     """How a metric changes."""
 
     COUNTER = "counter"
-    """It rises, and begins again with a start of the broker."""
+    """A number that rises, and begins again with a start of the broker."""
     GAUGE = "gauge"
 
 
@@ -34,7 +34,7 @@ class MetricFamily(msgspec.Struct, frozen=True):
     unit: str
     """The last part of its name, or "" for a number of things."""
     text: str
-    """What it counts."""
+    """Explanation of the number."""
     samples: tuple[tuple[Labels, float], ...]
 
 

@@ -68,7 +68,7 @@ class _Outage(msgspec.Struct):
     """0: not converted yet."""
 
     def record(self, now_ns: int, utc_ns: int) -> LinkOutage:
-        """Its record; the wall clock of its beginning is fixed by the first call."""
+        """Record of the outage; the first call fixes the wall clock of its beginning."""
         self.began_utc_ns = self.began_utc_ns or utc_ns - (now_ns - self.worked_ns)
         return LinkOutage(
             self.platform,
@@ -168,7 +168,7 @@ class OutageLog:
         return [SaveOutages()]
 
     def on_backlog(self, hw: int, frames: int, size: int, now_ns: int) -> list[Action]:
-        """What waits for a link now, in frames and bytes."""
+        """Takes the frames and bytes that wait for a link now."""
         outage = self._present.get(hw)
         if outage is None or outage.up_ns is None or outage.phase is not OutagePhase.DRAINING:
             return []

@@ -242,7 +242,7 @@ class RefusalLine(NamedTuple):
     """A line for the journal."""
 
     is_warning: bool
-    """An operator should act: it has input that no valid member sends."""
+    """An operator should act, because the input has forms that no valid member sends."""
     text: str
 
 

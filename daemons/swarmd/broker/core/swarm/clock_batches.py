@@ -14,13 +14,13 @@ class ClockSample(msgspec.Struct, frozen=True, gc=False):
     hw: int
     boot_id: int
     rx_ns: int
-    """Our clock at reception."""
+    """Own clock at reception."""
     reverse_ns: int
-    """Their clock at send minus ours at reception: the offset minus the delay to us."""
+    """Clock of the sender at send minus the own clock at reception: the offset minus the delay to here."""
     forward_ns: int | None = None
-    """Their clock at reception minus ours at send: the offset plus the delay to them."""
+    """Clock of the neighbour at reception minus the own clock at send: the offset plus the delay to there."""
     forward_tx_ns: int = 0
-    """Our clock at send of the echoed datagram."""
+    """Own clock at send of the echoed datagram."""
 
 
 class WriteClockSamples(msgspec.Struct, frozen=True):
@@ -33,7 +33,7 @@ SAMPLES_NS: Final = 490_000_000
 """Time between two batches of clock samples while no link is new: clocks are estimated from them every three
 seconds. A little less than half a second, so that the batch is due at every fifth check at 10 Hz."""
 SAMPLES_MAX: Final = 48
-"""Samples after which a batch is written without waiting: they fit a slot of their stream."""
+"""Samples after which a batch is written at once: more would not fit a slot of their stream."""
 
 
 class ClockBatches:

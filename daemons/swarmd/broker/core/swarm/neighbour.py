@@ -137,7 +137,7 @@ class Neighbour:
         self.address: tuple[str, int] = ("", 0)
         self.session = 0
         self.by_unicast = False
-        """Its newest datagram came by unicast: beacons go to it so, too."""
+        """The newest datagram came by unicast, so beacons go to this neighbour by unicast, too."""
         self.peer: LinkPeer | None = None
         """Endpoint and keys of its last frames, or None if they are to be derived."""
         self.peer_hello: Hello | None = None
@@ -163,7 +163,7 @@ class Neighbour:
         self.hears_badly.clear()
         self.media.clear()
         self.lists_media = False
-        """It lists the media by which it receives which node, so it has several."""
+        """The neighbour lists the media by which it receives nodes, so it has several."""
         self.best_medium: int | None = None
         """Number of the medium of its packets, or None if no medium works in both directions."""
         self.penalty = 0
@@ -181,7 +181,7 @@ class Neighbour:
         self.cost_inputs = (0, 0, 0, 0)
         """Inputs of the last computed cost."""
         self.compared_cost = COST_MAX
-        """Its cost at the last comparison of routes over it."""
+        """Cost of the link at the last comparison of routes over it."""
         self.missed = 0
         """Datagrams that are overdue since the last one."""
         self.expected = 0
@@ -313,7 +313,7 @@ class Neighbour:
             self.ask_due_ns = max(now_ns + self._answered_ns(), self.received_ns + link_timeout_ns)
 
     def is_silent(self, now_ns: int) -> bool:
-        """Whether its link is down: its deadline has passed, or it has not answered."""
+        """Whether the link is down, because its deadline has passed or requests were not answered."""
         return now_ns >= self.deadline_ns or (now_ns >= self.ask_due_ns and 0 < self.asks_needed <= self.asks)
 
     def _ask_again_ns(self) -> int:

@@ -42,7 +42,7 @@ class TopologyUpdate(msgspec.Struct, frozen=True, gc=False):
 
     neighbour: Neighbour
     fresh: bool
-    """It was not overtaken by a later beacon of the same sender."""
+    """No later beacon of the same sender has overtaken it."""
     clock_sample: ClockSample | None
     links: list[LinkChanged]
     routes: list[RouteChanged]
@@ -132,7 +132,7 @@ class Topology:
         return links, routes
 
     def exclude(self, hw: int, now_ns: int) -> tuple[list[LinkChanged], list[RouteChanged]]:
-        """Removes a node that is not a member any more: its link, the routes over it and to it."""
+        """Removes the link of a node that is not a member any more, and the routes over it and to it."""
         neighbour = self.neighbours.get(hw)
         if neighbour is not None and neighbour.state is not LinkState.DOWN:
             neighbour.deadline_ns = now_ns

@@ -140,7 +140,7 @@ class FrameDatagrams:
         return True
 
     def send_unrepeated(self, peer: LinkPeer, frame: Frame) -> bool:
-        """Sends a frame that is never repeated; False: it is too large, or the neighbour takes no
+        """Sends a frame that is never repeated; returns False if it is too large, or the neighbour takes no
         datagrams."""
         data = encode(frame)
         is_possible = peer.frame_port and self._sequence < frame_datagram.SEQUENCE_MAX

@@ -15,7 +15,7 @@ ASKED_MAX: Final = 32
 
 
 class Solicitation(NamedTuple):
-    """Which neighbours are asked for a beacon, and the time in which the sender answers such a request."""
+    """Neighbours that are asked for a beacon, and the time in which the sender answers such a request."""
 
     answer_ms: int
     """Time from the arrival of a request to its answer at the latest, or 0 if the sender answers none."""

@@ -34,7 +34,7 @@ class ValueProof(msgspec.Struct, frozen=True):
     """The signature of a beacon, and the hashes that lead from its values to what is signed."""
 
     session: int
-    """Of the sender's broker."""
+    """Session of the sender's broker."""
     body: bytes
     """Hash of the clear header, and of the body before the signature."""
     count: int
@@ -44,7 +44,7 @@ class ValueProof(msgspec.Struct, frozen=True):
     signature: bytes
 
     def signed_content(self, hw: int) -> bytes:
-        """What the sender with this hardware id signed."""
+        """The bytes that the sender with this hardware id signed."""
         return signed_content(hw, self.session, self.body, self.hashes.get((0, self.count), _NO_VALUES))
 
     def further(self, positions: Collection[int]) -> list[bytes]:
@@ -75,7 +75,7 @@ def body_hash(clear: bytes, body: bytes) -> bytes:
 
 
 def signed_content(hw: int, session: int, body: bytes, root: bytes) -> bytes:
-    """What the sender signs; `root`: see `ValueProof`."""
+    """The bytes that the sender signs; `root`: see `ValueProof`."""
     return _PREFIX + _SIGNED.pack(hw, session) + body + root
 
 

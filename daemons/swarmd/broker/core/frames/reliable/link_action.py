@@ -1,4 +1,4 @@
-"""What reliable links ask of their shell."""
+"""Actions of reliable links for their shell."""
 
 import msgspec
 

@@ -30,9 +30,9 @@ SLACK_NS: Final = 15_000_000
 packets a second at 10 % loss and 20 ms round trip 22 % are sent again with 4 ms, 13 % with 15 ms and with
 25 ms; the slowest hundredth of commands needs longer with 25 ms."""
 COMMAND_SLACK_NS: Final = 5_000_000
-"""The same where a command is in flight: no next packet need follow it. Over three hops with 30 % loss each
-way and 20 ms round trip 99 of 100 messages are confirmed within 0.58 s with 15 ms, and `COMMAND_PROBES` of
-0, and within 0.32 s with 5 ms and 3 (`tests/simulation/reliable/chain.py`)."""
+"""Margin of a probe while a command is in flight, because no further packet may follow it. Over three
+hops with 30 % loss each way and 20 ms round trip 99 of 100 messages are confirmed within 0.58 s with 15 ms,
+and `COMMAND_PROBES` of 0, and within 0.32 s with 5 ms and 3 (`tests/simulation/reliable/chain.py`)."""
 COMMAND_PROBES: Final = 3
 """Probes for a command before their time-out doubles."""
 BACKOFF_MAX: Final = 1
@@ -53,7 +53,7 @@ class SentPacket(msgspec.Struct):
 
 
 class Settled(msgspec.Struct, frozen=True):
-    """What an acknowledgement, or time, has settled."""
+    """Packets that an acknowledgement, or time, has settled."""
 
     arrived: tuple[SentPacket, ...] = ()
     lost: tuple[SentPacket, ...] = ()

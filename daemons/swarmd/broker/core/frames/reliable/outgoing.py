@@ -172,13 +172,13 @@ class OutgoingMessages:
             self._lost[message.rank].append(piece)
 
     def repeat(self, pieces: tuple[Piece, ...], copies: int) -> tuple[Piece, ...]:
-        """Those of the pieces that have not arrived, which a probe repeats."""
+        """Selects the pieces that have not arrived, which a probe repeats."""
         missing = tuple(piece for piece in pieces if self._is_missing(piece))
         self.repeated_bytes += copies * sum(len(piece.data) for piece in missing)
         return missing
 
     def clear(self) -> list[QueuedFrame]:
-        """Remove and return all frames that have not arrived, by priority."""
+        """Removes and returns all frames that have not arrived, by priority."""
         begun = sorted(self._messages.values(), key=lambda message: message.rank)
         frames = [message.queued for message in begun] + self._queue.clear()
         self._messages.clear()

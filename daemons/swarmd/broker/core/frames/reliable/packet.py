@@ -68,7 +68,7 @@ class Packet(msgspec.Struct, frozen=True, gc=False):
     acknowledgement: Acknowledgement | None = None
     pieces: tuple[Piece, ...] = ()
     ping: bool = False
-    """It asks for an acknowledgement, also without pieces."""
+    """The packet asks for an acknowledgement, also without pieces."""
 
     @property
     def is_answered(self) -> bool:

@@ -36,11 +36,11 @@ SILENCE: Final = 6
 """Probes in a row without an acknowledgement after which less is sent; at 40 % loss less than one loss in a
 hundred has this consequence."""
 BLOCKED: Final = 24
-"""Probes in a row without an acknowledgement after which the neighbour does not get the datagrams: they are
-blocked on the way, or it does not know them."""
+"""Probes in a row without an acknowledgement after which the neighbour does not get the datagrams, which are
+blocked on the way, or unknown to it."""
 BLOCKED_LATER: Final = 96
-"""The same where it has acknowledged packets before. A busy computer may not answer for a second, and a
-connection that is opened over a lossy link needs several."""
+"""Probes in a row that show a block after the neighbour has acknowledged packets. A busy computer may
+not answer for a second, and a connection that is opened over a lossy link needs several."""
 
 FULL: Final = 8
 """Frames that wait to begin, from which on the rate of the link is the limit."""
@@ -102,7 +102,7 @@ class ReliableLink:
         return self._recovery.smoothed_ns
 
     def on_queue(self, rtt_ns: int) -> None:
-        """Frames that took another way fill the queue of the link: its present round trip."""
+        """Takes the present round trip of a link whose queue is full of frames that took a connection."""
         self.rate.on_queue()
         self._recovery.on_round_trip(rtt_ns)
 

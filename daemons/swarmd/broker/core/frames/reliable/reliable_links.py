@@ -57,7 +57,7 @@ Action = LinkAction | UseConnection | UseDatagrams | MeasureConnection | SetBuff
 
 
 class _Neighbour:
-    """The choice of the carrier to one neighbour, what was measured for it, and the reliable link.
+    """The choice of the carrier to one neighbour, its measurements, and the reliable link.
 
     This lives longer than the neighbour's record: a lossy link that returns begins with datagrams.
     """
@@ -103,7 +103,7 @@ class ReliableLinks:
         return [known.link for known in self._neighbours.values() if known.link is not None]
 
     def on_quality(self, hw: int, quality: LinkQuality, now_ns: int) -> list[Action]:
-        """What beacons measure of the link to a neighbour, once a second while it is up."""
+        """Takes the measurement of a link by beacons, once a second while it is up."""
         known = self._known(hw)
         known.quality = quality
         choice, link = known.choice, known.link
@@ -130,7 +130,7 @@ class ReliableLinks:
     def on_connection(
         self, hw: int, delay: ConnectionDelay | None, is_waiting: bool, now_ns: int
     ) -> list[Action]:
-        """What was measured of the connections to a neighbour, and whether frames wait for them."""
+        """Takes a measurement of the connections to a neighbour, and whether frames wait for them."""
         known = self._known(hw)
         size = known.choice.on_connection(delay, is_waiting, now_ns)
         chosen = [] if known.choice.by_datagram else self._choose(hw, known, now_ns)

@@ -53,7 +53,7 @@ class RosterKeys(Protocol):
 
     @property
     def signed(self) -> bytes:
-        """Its text with the root's signature."""
+        """Text of the roster with the root's signature."""
         ...
 
     @property
@@ -98,7 +98,7 @@ class _Version(msgspec.Struct):
 
 
 class _Shown(msgspec.Struct, gc=False):
-    """What a neighbour shows."""
+    """Version of the roster that a neighbour shows, and the questions to it."""
 
     platform: str
     version: int
@@ -141,7 +141,7 @@ class RosterExchange:
         return self._roster.version
 
     def former_key(self, mark: int) -> GroupKey | None:
-        """The kept former key with this mark: it opens beacons of nodes that missed a rotation."""
+        """The kept former key with this mark, which opens beacons of nodes that missed a rotation."""
         return next((key for key in self._keys.former if key.mark == mark), None)
 
     # revoked members
@@ -199,11 +199,11 @@ class RosterExchange:
     def on_late(
         self, hw: int, name: str, version: int, host: str, port: int, now_ns: int
     ) -> list[RosterAction]:
-        """A beacon of a former key epoch: offer the roster to its sender, if that is a member.
+        """Takes a beacon of a former key epoch; offers the roster to its sender, if that is a member.
 
-        A platform that was revoked while it was away could not ask for the roster: it gets it. So does
-        one whose key was replaced, every other time: its sender may have the former one. `version`: of its
-        roster.
+        A platform that was revoked while it was away could not ask for the roster, so it gets the
+        roster. A platform whose key was replaced gets it every other time, because it may have the former
+        key. `version`: of its roster.
         """
         platform = name.partition(".")[0]
         member = self._roster.find(platform)
@@ -235,7 +235,7 @@ class RosterExchange:
     def on_message(
         self, hw: int, platform: str, payload: bytes | memoryview, host: str, now_ns: int
     ) -> list[RosterAction]:
-        """Take a message of a member, over a connection that only its key opens. `host`: its address.
+        """Takes a message of a member, over a connection that only its key opens. `host`: its address.
 
         Raises: WireError for a malformed one; ConfigError or Denied for a roster that is refused.
         """
@@ -315,7 +315,7 @@ class RosterExchange:
         return out
 
     def forget(self, hw: int) -> None:
-        """A neighbour is gone."""
+        """Forgets a neighbour whose link is down."""
         self._shown.pop(hw, None)
 
     # time
@@ -325,7 +325,7 @@ class RosterExchange:
         return self._ask_ns
 
     def advance(self, now_ns: int) -> list[RosterAction]:
-        """Ask a neighbour, if that is due."""
+        """Asks a neighbour, if that is due."""
         if self._ask_ns is None or now_ns < self._ask_ns:
             return []
         candidates = [

@@ -26,7 +26,7 @@ class RosterQuestion(msgspec.Struct, frozen=True, array_like=True, tag=2):
     """The sender has this version, and asks for a newer one."""
 
     have: int
-    """0: it asks for the whole roster."""
+    """Version that the sender has, or 0 to ask for the whole roster."""
     port: int
 
 

@@ -22,9 +22,9 @@ class SignatureFault(Enum):
     """Why a beacon does not count as its sender's."""
 
     FALSE = 1
-    """It has no signature, or one of another key."""
+    """The signature is missing, or was made with another key."""
     UNKNOWN = 2
-    """The key of its sender is not known: its name or its admission is still to come."""
+    """The key of the sender is not known, because its name or its admission is still to come."""
 
 
 class CheckedDatagram(msgspec.Struct, frozen=True, gc=False):
@@ -105,7 +105,7 @@ class SignatureChecks:
 
 
 def _proof(header: Header, beacon: Beacon, clear: bytes, body: bytes) -> ValueProof | None:
-    """What the signature of a beacon proves if it is valid, or None without a signature."""
+    """The content that the signature of a beacon proves if it is valid, or None without a signature."""
     found = beacon.signature
     if found is None or header.session is None:
         return None

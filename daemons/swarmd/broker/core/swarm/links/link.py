@@ -14,7 +14,7 @@ class LinkState(IntEnum):
     HEARD = 1
     """Beacons of its accepted session arrive; it has not listed this node yet."""
     UP = 2
-    """Both directions work: it lists this node as received."""
+    """Both directions work, as its listing of this node shows."""
     HALF_OPEN = 3
     """Beacons arrive, but it does not receive this node: no route uses the link."""
     UNKNOWN = 4
@@ -33,9 +33,9 @@ class LinkEvent(IntEnum):
     UNLISTED = 3
     """A beacon lists this node as lost, or its listings are overdue."""
     SILENT = 4
-    """Its beacons are overdue."""
+    """The beacons of the neighbour are overdue."""
     RESTARTED = 5
-    """Another session of it was accepted."""
+    """Another session of the neighbour was accepted."""
     EXPIRED = 6
     """No beacon arrived for the time in which a silent node is shown."""
 
@@ -79,8 +79,9 @@ COST_MAX: Final = 16384
 RTT_FREE_NS: Final = 10_000_000
 RTT_FULL_NS: Final = 120_000_000
 RTT_PENALTY: Final = 96
-"""A round trip above the first time adds to the cost, up to this at the second one: babeld's `rtt-min`,
-`rtt-max` and `max-rtt-penalty`. A full queue alone never turns a route: its hysteresis is as large."""
+"""A round trip above the first time adds to the cost, up to this at the second one, as babeld's
+`rtt-min`, `rtt-max` and `max-rtt-penalty`. A full queue alone never turns a route, whose hysteresis is as
+large."""
 _RTT_STEPS: Final = 3
 _FULL: Final = 255
 

@@ -11,7 +11,7 @@ _FULL: Final = 255
 
 
 class Arrivals:
-    """Which of the last numbers of a sender arrived; numbers have 16 bits."""
+    """The last numbers of a sender that arrived; numbers have 16 bits."""
 
     __slots__ = ("_expected", "_top", "_window")
 

@@ -1,4 +1,4 @@
-"""A medium as the core knows it: its number, its rate, and what it carries."""
+"""A medium as the core knows it, with number, rate and the frames that it carries."""
 
 from functools import lru_cache
 from typing import Final
@@ -30,13 +30,13 @@ class MediumProfile(msgspec.Struct, frozen=True):
     name: str
     carries: Carries = Carries.ALL
     rate_bit_s: float = 0.0
-    """Its configured rate, or 0 if not known, as for a radio or network."""
+    """Configured rate, or 0 if not known, as for a radio or network."""
     has_connections: bool = True
     """ZeroMQ can connect to the addresses of this medium."""
 
     @property
     def number(self) -> int:
-        """Its number in beacons, from its name: a medium has the same name at both ends."""
+        """Number in beacons, derived from the name, which is the same at both ends of a medium."""
         return medium_number(self.name)
 
     @property

@@ -33,7 +33,7 @@ FORGET_NS: Final = 60_000_000_000
 
 
 class Use(Enum):
-    """What is to be sent to a neighbour."""
+    """Kind of traffic to a neighbour."""
 
     URGENT = "urgent"
     """An urgent frame: on all media, its copies are recognised."""

@@ -30,7 +30,7 @@ from swarmd.broker.core.swarm.routes.destination_routes import is_much_worse
 
 _PERIOD_MAX_NS: Final = 10_000_000_000
 LISTING_EACH_NS: Final = 50_000_000
-"""The same with many neighbours: time for each of them."""
+"""Share of each neighbour in the listing period, where there are many."""
 FIRST_LISTINGS: Final = 6
 """Echoes in the first listing period after a change of the link: one of them brings the other end up."""
 _LISTED_NS: Final = LISTINGS * LISTING_NS + UNLISTED_SLACK_NS
@@ -348,7 +348,7 @@ class NeighbourTable:
         return self._linked
 
     def _badly_linked(self, linked: set[int]) -> set[int]:
-        """Those of the linked nodes whose link to one of the others costs much more than over this node."""
+        """Linked nodes whose link to another linked node costs much more than over this node."""
         found: set[int] = set()
         for neighbour in self.up():
             for hw, quality in neighbour.hears_badly.items():

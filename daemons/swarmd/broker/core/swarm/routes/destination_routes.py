@@ -1,4 +1,4 @@
-"""What a node knows of one destination: rows of its neighbours, feasibility distance, last advertisement."""
+"""Routes to one destination: rows of the neighbours, feasibility distance, and the last advertisement."""
 
 from typing import Final
 
@@ -85,11 +85,11 @@ class DestinationRoutes:
         self.advertised_metric = INFINITY
         self.advertised_sequence = -1
         self.held_until_ns = NEVER_NS
-        """Until when the sequence number of its rows does not rise; NEVER_NS: it is not held."""
+        """Until when the sequence number of its rows does not rise, or NEVER_NS if it is not held."""
         self.usual_metric = INFINITY
         """Last advertised metric before the route became much worse."""
         self.turned = False
-        """It has another next hop since its last row."""
+        """The next hop has changed since the last row."""
         self.retractions = 0
         self.requested_until_ns = NEVER_NS
         self.requested_sequence = 0
@@ -101,7 +101,7 @@ class DestinationRoutes:
         self.sought_ns = NEVER_NS
         """When one neighbour was asked last for a newer row of a better route."""
         self.sought_via = 0
-        """That neighbour."""
+        """Neighbour that was asked last."""
 
     def feasible(self, sequence: int, metric: int) -> bool:
         """Whether a route of a neighbour with this row cannot lead back (RFC 8966, section 3.5.1)."""

@@ -57,7 +57,7 @@ BETTER_BY: Final = 256
 """A route that is not feasible is requested where the present one is worse by this share of it, at least by
 one hop without loss (RFC 8966, section 3.8.2.2)."""
 SEEK_AGAIN_NS: Final = 1_000_000_000
-"""The same destination is not requested of the same neighbour again within this time."""
+"""Time within which a destination is not requested of the same neighbour again."""
 SEEK_OTHER_NS: Final = 300_000_000
 """Nor of another one within this."""
 SEEK_AFTER_NS: Final = 200_000_000
