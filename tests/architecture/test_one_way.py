@@ -79,7 +79,7 @@ def is_own_backoff(node: ast.AST) -> bool:
 BACKOFF: Final = {
     "lib/swarmware/runtime/backoff.py": "the rule of a back-off",
     "daemons/swarmd/logger/log_forwarder.py": "the size of a batch, which grows with success",
-    "lib/swarmware/transport/retransmission/policy.py": "a time-out that begins with the round trip",
+    "lib/swarmware/transport/delivery/outbox.py": "a time-out that begins with the round trip",
 }
 
 

@@ -34,11 +34,10 @@ from swarmd.broker.core.frames.carrier_choice import CLEAN, CLEAN_NS, LOSSY
 from swarmd.broker.core.frames.forwarder import LOOP_NS
 from swarmd.broker.core.frames.frame_datagram import FRAME, MISSES, PACKET, RETRY_NS
 from swarmd.broker.core.frames.frame_datagram import MAGIC as DATAGRAM_MAGIC
-from swarmd.broker.core.frames.reliable.loss_recovery import BACKOFF_MAX, PACKET_THRESHOLD, SLACK_NS
 from swarmd.broker.core.frames.reliable.packet import DELAY_UNIT_NS, PACKET_MAX, RANGES_MAX
 from swarmd.broker.core.frames.reliable.reassembly import SPAN_MAX
 from swarmd.broker.core.frames.reliable.received_packets import ACK_DELAY_NS
-from swarmd.broker.core.frames.reliable.reliable_link import BLOCKED, BLOCKED_LATER
+from swarmd.broker.core.frames.reliable.reliable_link import BLOCKED, BLOCKED_LATER, LINK
 from swarmd.broker.core.frames.reliable.reliable_links import BLOCKED_NS
 from swarmd.broker.core.membership.sessions import AGAIN_NS, ALIVE_NS, ENDED_NS
 from swarmd.broker.core.swarm.links.link import COST_MAX, RTT_FREE_NS, RTT_FULL_NS, RTT_PENALTY
@@ -301,8 +300,8 @@ def test_the_figures_of_the_page_are_ours() -> None:
         f"at most {RANGES_MAX} ranges",
         f"in {DELAY_UNIT_NS // 1000} µs",
         f"within {ACK_DELAY_NS // MS} ms",
-        f"when one {['three'][PACKET_THRESHOLD - 3]} numbers higher",
-        f"and {SLACK_NS // MS} ms, afterwards {['twice'][BACKOFF_MAX - 1]} that",
+        f"when one {['three'][LINK.packet_threshold - 3]} numbers higher",
+        f"and {LINK.slack_ns // MS} ms, afterwards {['twice'][LINK.doublings_max - 1]} that",
         f"The target is {FALL_NS // MS} ms less that minimum, at least"
         f" {['a quarter'][QUEUE_SHARE - 4]} of it and the time of two packets, and at most"
         f" {TARGET_NS // MS} ms",

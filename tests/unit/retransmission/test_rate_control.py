@@ -81,7 +81,7 @@ def test_permanently_slower_link_gets_new_minimum() -> None:
     rounds.round(RTT)
     for _ in range(30):
         rounds.round(10 * RTT, arrived=4)
-    assert rounds.rate.base_ns == 10 * RTT
+    assert rounds.rate.delay.minimum_ns == 10 * RTT
     assert rounds.rate.window > WINDOW_MIN
 
 
@@ -135,9 +135,9 @@ def test_minimum_of_round_trip_is_forgotten_after_while() -> None:
     rate = RateControl(0)
     rate.on_round_trip(RTT, 0)
     rate.on_round_trip(3 * RTT, BASE_NS)
-    assert rate.base_ns == RTT
+    assert rate.delay.minimum_ns == RTT
     rate.on_round_trip(3 * RTT, 2 * BASE_NS)
-    assert rate.base_ns == 3 * RTT
+    assert rate.delay.minimum_ns == 3 * RTT
 
 
 def test_silence_halves_the_window() -> None:
@@ -152,8 +152,8 @@ def test_silence_halves_the_window() -> None:
 def test_round_trip_from_beacons_shows_queue_at_once() -> None:
     rate = RateControl(0, base_ns=RTT)
     rate.on_round_trip(5 * RTT, 0)
-    assert rate.queueing_ns == 4 * RTT
-    assert RateControl(0).queueing_ns == 0
+    assert rate.delay.queueing_ns == 4 * RTT
+    assert RateControl(0).delay.queueing_ns == 0
 
 
 def test_capacity_is_what_arrives_while_link_is_limit() -> None:

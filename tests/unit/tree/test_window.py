@@ -7,7 +7,6 @@ from itertools import pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from msgspec.structs import replace
 from tests.unit.tree.owner import FAULTS, LIDAR, Owner
 from tests.unit.tree.pair import S
 
@@ -20,7 +19,6 @@ from swarmware.testing.virtual import VirtualSwarm
 from swarmware.types.tree import Rule, TreeItem, TreeNotify
 
 ITEM = b"x" * 1000
-POLICY = replace(LANE, pauses_ns=(S,))
 
 
 def item(path: str, sequence: int, data: bytes = ITEM, kind: FrameKind = FrameKind.STREAM) -> TreeItem:
@@ -105,11 +103,11 @@ def fill(lane: NotificationLane, now_ns: int) -> list[int]:
 
 
 def test_window_follows_what_link_delivers() -> None:
-    lane = NotificationLane(LaneNumber.STREAMS, policy=POLICY)
+    lane = NotificationLane(LaneNumber.STREAMS)
     first = fill(lane, 0)
     assert len(first) == LANE.window_first // 8_192
     for serial in first:
-        lane.failed(serial, 2 * S)
+        lane.failed(serial, 2 * S, (S,))
     for serial in first:
         lane.delivered(serial, 3 * S)
     few = fill(lane, 3 * S)
@@ -124,10 +122,10 @@ def test_window_follows_what_link_delivers() -> None:
 
 
 def test_failed_items_repeat_at_delivery_rate() -> None:
-    lane = NotificationLane(LaneNumber.STREAMS, policy=POLICY)
+    lane = NotificationLane(LaneNumber.STREAMS)
     first = fill(lane, 0)
     for serial in first:
-        lane.failed(serial, 2 * S)
+        lane.failed(serial, 2 * S, (S,))
     assert lane.due_ns() == 3 * S
     under_way = [notify.serial for notify in lane.repeat(3 * S)]
     assert under_way == first[: len(first) // 2], "half of what failed"
@@ -140,11 +138,11 @@ def test_failed_items_repeat_at_delivery_rate() -> None:
 
 
 def test_a_single_loss_among_deliveries_changes_nothing() -> None:
-    lane = NotificationLane(LaneNumber.STREAMS, policy=POLICY)
+    lane = NotificationLane(LaneNumber.STREAMS)
     lost, *others = fill(lane, 0)
     for serial in others:
         lane.delivered(serial, S)
-    lane.failed(lost, 2 * S)
+    lane.failed(lost, 2 * S, (S,))
     assert len(fill(lane, 2 * S)) >= len(others)
 
 
@@ -175,12 +173,12 @@ def test_serial_beyond_window_is_refused_without_memory() -> None:
 
 
 def test_repetition_states_serials_not_to_await() -> None:
-    lane, feed = NotificationLane(LaneNumber.UPDATES, policy=POLICY), Feed(FAULTS, Rule("**"), 0)
+    lane, feed = NotificationLane(LaneNumber.UPDATES), Feed(FAULTS, Rule("**"), 0)
     for serial in (1, 2):
         event = item("health/faults", serial, kind=FrameKind.EVENT)
         lane.send(TreeNotify("uav1", 1, 0, (event,)), [(feed, [event])], 0)
     lane.delivered(1, 1)
-    assert lane.failed(2, 2)
+    assert lane.failed(2, 2, (S,))
     (again,) = lane.repeat(3)
     assert (again.serial, again.first) == (2, 2)
     arrivals = ReorderBuffer()

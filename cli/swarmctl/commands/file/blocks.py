@@ -58,12 +58,12 @@ async def move_blocks(
                 try:
                     task.result()
                 except NoAnswer as error:
-                    window.on_failed(number, monotonic_ns())
-                    if monotonic_ns() - window.passed_ns > give_up_s * 1e9:
+                    window.fail(number, monotonic_ns())
+                    if monotonic_ns() - window.arrived_ns > give_up_s * 1e9:
                         raise NoAnswer(f"no block has passed for {give_up_s:g} s ({error})") from error
                     session.out.detail(f"block {number}: {error}; again")
                 else:
-                    window.on_done(number, monotonic_ns())
+                    window.acknowledge(number, monotonic_ns())
                     progress.advance()
     finally:
         for task in under_way:

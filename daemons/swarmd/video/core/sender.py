@@ -116,7 +116,7 @@ class VideoSender:
     @property
     def queueing_ns(self) -> int:
         """Measured queueing delay in the link."""
-        return self.window.queueing_ns
+        return self.window.delay.queueing_ns
 
     def waiting_ns(self, now_ns: int) -> int:
         """Age of the oldest packet that waits before the link, or 0 if none waits."""

@@ -69,7 +69,7 @@ class _Pending(Sent):
         trouble = self.soft_refusal
         if trouble is not None and trouble.status is Status.UNREACHABLE and trouble.detail != FULL:
             return self.policy.initial_ns
-        return self.policy.doubled_ns(self.wait_ns)
+        return min(2 * self.wait_ns, self.policy.max_ns)
 
 
 class Outbox:
@@ -161,7 +161,7 @@ class Outbox:
             if now_ns >= pending.expires_ns or self._absent_for_good(pending, now_ns):
                 actions.append(self._give_up(key, pending))
             else:
-                self._pending.resend(pending, now_ns)
+                self._pending.resend(key, now_ns)
                 self.resent += 1
                 pending.wait_ns = pending.next_wait_ns()
                 actions.append(Transmit(pending.frame, retransmission=True))

@@ -1,6 +1,6 @@
 """Items in flight: sent and not acknowledged, within a window that successes widen and failures halve."""
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterator, Sequence
 from typing import Generic, TypeVar
 
 import msgspec
@@ -34,23 +34,15 @@ Item = TypeVar("Item", bound=Sent)
 class Flight(Generic[Key, Item]):
     """The items in flight in the order of their first transmission, their window and their back-off."""
 
-    __slots__ = (
-        "_arrived_ns",
-        "_items",
-        "_policy",
-        "_size",
-        "_window",
-        "backoff_until_ns",
-        "failing_since_ns",
-        "failures",
-    )
-
     def __init__(self, policy: RetransmissionPolicy) -> None:
         self._policy = policy
         self._items: dict[Key, Item] = {}
         self._size = 0
         self._window = policy.window_first
-        self._arrived_ns = -(1 << 62)
+        self.sent_ns = 0
+        """Instant of the newest first transmission."""
+        self.arrived_ns = -(1 << 62)
+        """Instant of the last acknowledgement, or less than 0 before the first one."""
         self.failures = 0
         """Consecutive failures, as far as they count."""
         self.backoff_until_ns = 0
@@ -64,16 +56,9 @@ class Flight(Generic[Key, Item]):
     def __iter__(self) -> Iterator[Item]:
         return iter(self._items.values())
 
-    def __contains__(self, key: Key) -> bool:
-        return key in self._items
-
     def get(self, key: Key) -> Item | None:
         """The item in flight with this key."""
         return self._items.get(key)
-
-    def oldest(self, default: Key) -> Key:
-        """Key of the oldest item in flight."""
-        return next(iter(self._items), default)
 
     def has_room(self, size: int = 1) -> bool:
         """Whether the window has room for another item; one is always sent."""
@@ -84,20 +69,24 @@ class Flight(Generic[Key, Item]):
     def add(self, key: Key, item: Item) -> None:
         """The item is sent for the first time."""
         self._items[key] = item
+        self.sent_ns = item.sent_ns
         self._size += item.size
 
     def acknowledge(self, key: Key, now_ns: int) -> Item | None:
         """The item has arrived; returns None for a key that is not in flight, such as a duplicate's."""
         item = self.drop(key)
         if item is not None:
-            self._arrived_ns = now_ns
+            self.arrived_ns = now_ns
             self._window = min(self._window + self._policy.window_growth * item.size, self._policy.window_max)
             if not self._policy.keeps_backoff:
                 self.reset_backoff()
         return item
 
-    def fail(self, key: Key, now_ns: int) -> Item | None:
-        """The item was not acknowledged in time; returns None if it is not in flight, or is lost already."""
+    def fail(self, key: Key, now_ns: int, pauses_ns: Sequence[int] = (0,)) -> Item | None:
+        """The item was not acknowledged in time; returns None if it is not in flight, or is lost already.
+
+        Shapes: `pauses_ns`: back-off after the first, second, … consecutive failure.
+        """
         item = self._items.get(key)
         if item is None or item.is_lost:
             return None
@@ -105,12 +94,11 @@ class Flight(Generic[Key, Item]):
         if self.failing_since_ns is None:
             self.failing_since_ns = now_ns
         # If a later one has arrived since, only this one was lost, and the way has not become slower.
-        is_single = item.sent_ns < self._arrived_ns or now_ns < self.backoff_until_ns
+        is_single = item.sent_ns < self.arrived_ns or now_ns < self.backoff_until_ns
         if not (is_single and self._policy.ignores_single_losses):
             self._window = max(self._window / 2, self._policy.window_min)
             self.failures += 1
-            if self._policy.pauses_ns:
-                self.backoff_until_ns = now_ns + pause_after(self.failures, self._policy.pauses_ns)
+            self.backoff_until_ns = now_ns + pause_after(self.failures, pauses_ns)
         return item
 
     def resize(self, item: Item, size: int) -> None:
@@ -118,24 +106,27 @@ class Flight(Generic[Key, Item]):
         self._size += size - item.size
         item.size = size
 
-    def resend(self, item: Item, now_ns: int) -> None:
+    def resend(self, key: Key, now_ns: int) -> Item:
         """The item is sent again."""
+        item = self._items[key]
         item.sent_ns = now_ns
         item.times_sent += 1
         item.is_lost = False
+        return item
 
-    def repeatable(self) -> list[Item]:
-        """The oldest lost items, as many as the window permits.
+    def repeatable(self) -> list[Key]:
+        """Keys of the oldest lost items, as many as the window permits.
 
         All of them at once would fail again on a slow link, for ever.
         """
-        lost = [item for item in self._items.values() if item.is_lost]
-        size, found = self._size - sum(item.size for item in lost), list[Item]()
-        for item in lost:
-            if size and size + item.size > self._window:
+        found: list[Key] = []
+        size = sum(item.size for item in self if not item.is_lost)
+        for key, item in self._items.items():
+            if item.is_lost and (not size or size + item.size <= self._window):
+                size += item.size
+                found.append(key)
+            elif item.is_lost:
                 break
-            size += item.size
-            found.append(item)
         return found
 
     def drop(self, key: Key) -> Item | None:

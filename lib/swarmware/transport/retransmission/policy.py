@@ -9,7 +9,10 @@ UNLIMITED: Final = 1 << 62
 
 
 class RetransmissionPolicy(msgspec.Struct, frozen=True):
-    """Window, time-outs, back-off and loss detection of one mechanism; the defaults switch a part off."""
+    """Window, time-outs, back-off and loss detection of one mechanism.
+
+    By default the window is unlimited. Losses among numbered packets are detected as in RFC 9002, section 6.
+    """
 
     window_first: float = inf
     """Window at first, in the unit of the sizes that the mechanism states: bytes, or 1 for each item."""
@@ -19,8 +22,6 @@ class RetransmissionPolicy(msgspec.Struct, frozen=True):
     """Share of the size of an acknowledged item by which the window grows; each failure halves it."""
     count_max: int = UNLIMITED
     """Maximum unacknowledged items."""
-    pauses_ns: tuple[int, ...] = ()
-    """Back-off after consecutive failures."""
     ignores_single_losses: bool = False
     """True if a failure counts only when no later item was acknowledged, and once in a back-off."""
     keeps_backoff: bool = False
@@ -33,14 +34,14 @@ class RetransmissionPolicy(msgspec.Struct, frozen=True):
     granularity_ns: int = 0
     """Minimum of the margin above the smoothed round trip, and of the wait for an overtaken packet."""
 
-    packet_threshold: int = UNLIMITED
+    packet_threshold: int = 3
     """Higher numbers that arrive before a packet counts as lost."""
-    packet_threshold_max: int = UNLIMITED
+    packet_threshold_max: int = 64
     """Limit to which the threshold doubles when lost packets arrive after all."""
-    time_ratio: float = inf
+    time_ratio: float = 9 / 8
     """Round trips after which an overtaken packet counts as lost."""
-    time_ratio_max: float = inf
-    time_relaxation: float = 0.0
+    time_ratio_max: float = 3.0
+    time_relaxation: float = 0.01
     """Share of its excess by which the ratio falls with each acknowledgement."""
     ack_delay_ns: int = 0
     """Longest delay of an acknowledgement that is not part of the round trip."""
@@ -52,9 +53,5 @@ class RetransmissionPolicy(msgspec.Struct, frozen=True):
     """Probes for an urgent packet before their time-out doubles."""
     doublings_max: int = 0
     """Doublings of the time-out of a probe."""
-    lost_kept: int = 0
+    lost_kept: int = 512
     """Lost packets that are remembered, to recognise a late one."""
-
-    def doubled_ns(self, wait_ns: int) -> int:
-        """The time-out after another one without an answer."""
-        return min(2 * wait_ns, self.max_ns)

@@ -57,7 +57,8 @@ class RateControl:
         self._usual_loss = usual_loss
         self._starting = True
         """True while the window doubles in each round, until a queue is measured."""
-        self._delay = QueueDelay(BASE_NS, NEWEST, now_ns, base_ns)
+        self.delay = QueueDelay(BASE_NS, NEWEST, now_ns, base_ns)
+        """Round trips of the last seconds: their minimum, and the queue that they show."""
         self._round_ns = now_ns
         self._samples = 0
         self._passed = 0
@@ -75,16 +76,6 @@ class RateControl:
         self._allowance = float(BURST)
         """Bytes that the pace allows now."""
         self._paced_ns = now_ns
-
-    @property
-    def queueing_ns(self) -> int:
-        """Queueing delay of the link."""
-        return self._delay.queueing_ns
-
-    @property
-    def base_ns(self) -> int | None:
-        """Minimum of the round trip over the last seconds."""
-        return self._delay.minimum_ns
 
     def has_room(self, reserve: bool) -> bool:
         """Whether another packet may be in flight; `reserve` for packets with commands, which have
@@ -111,7 +102,7 @@ class RateControl:
 
     def on_round_trip(self, sample_ns: int, now_ns: int) -> None:
         """A round trip was measured."""
-        self._delay.add(sample_ns, now_ns)
+        self.delay.add(sample_ns, now_ns)
         self._samples += 1
 
     def on_acknowledged(self, size: int) -> None:
@@ -154,8 +145,8 @@ class RateControl:
         """Adapt the window after a round trip with enough samples."""
         if now_ns - self._round_ns < smoothed_ns or self._samples < SAMPLES_MIN:
             return
-        queueing_ns, elapsed_ns = self.queueing_ns, now_ns - self._round_ns
-        base_ns = self.base_ns or smoothed_ns
+        queueing_ns, elapsed_ns = self.delay.queueing_ns, now_ns - self._round_ns
+        base_ns = self.delay.minimum_ns or smoothed_ns
         target_ns = self._target_ns(base_ns, elapsed_ns)
         if (
             self._is_used
@@ -167,7 +158,7 @@ class RateControl:
             self._starting = False
             if self.window <= WINDOW_MIN:
                 # two packets in flight fill no queue, so the link itself has become slower
-                self._delay.restart()
+                self.delay.restart()
             # Aim at half of the target queue; a single round never more than halves the window.
             fitting = self._passed / elapsed_ns * (base_ns + target_ns / 2)
             self.window = max(self.window / 2, min(self.window * 0.95, fitting), WINDOW_MIN)

@@ -26,7 +26,7 @@ class ReceivedNumbers:
             self._bits |= 1 << number - self.floor
 
     def raise_floor(self, floor: int) -> None:
-        """Numbers below this one do not follow any more, or count as old."""
+        """Numbers below this one count as received from now on."""
         if floor > self.floor:
             self._bits >>= floor - self.floor
             self.floor = floor

@@ -37,11 +37,6 @@ class RttEstimator:
         return round(self._smoothed_ns)
 
     @property
-    def variation_ns(self) -> int:
-        """Mean deviation of the round trip."""
-        return round(self._variation_ns)
-
-    @property
     def worst_ns(self) -> int:
         """The larger of the smoothed and the newest round trip."""
         return max(round(self._smoothed_ns), self._latest_ns)

@@ -21,48 +21,32 @@ TIMEOUTS_S: Final = (6.0, 12.0, 24.0, 48.0)
 sends the whole block."""
 
 
-class BlockWindow:
-    """Blocks that have not been sent, and the blocks in flight."""
+class BlockWindow(Flight[int, Sent]):
+    """Blocks that have not been sent, and the blocks in flight by number."""
 
     def __init__(self, ranges: Iterable[tuple[int, int]], now_ns: int) -> None:
         """`ranges`: first and last number of the missing blocks."""
-        self.passed_ns = now_ns
-        """Instant at which a block arrived last, or of the beginning."""
-        self._waiting: deque[int] = deque()
-        for first, last in ranges:
-            self._waiting.extend(range(first, last + 1))
-        self._flight: Flight[int, _SentBlock] = Flight(BLOCKS)
+        super().__init__(BLOCKS)
+        self.arrived_ns = now_ns
+        self._waiting = deque(number for first, last in ranges for number in range(first, last + 1))
 
     @property
     def is_done(self) -> bool:
         """Whether no block waits or is in flight."""
-        return not self._waiting and not self._flight
+        return not self._waiting and not self
 
     @property
     def timeout_s(self) -> float:
         """Time after which a block that is sent or requested now has failed."""
-        return pause_after(self._flight.failures + 1, TIMEOUTS_S)
+        return pause_after(self.failures + 1, TIMEOUTS_S)
 
     def take(self, now_ns: int) -> int | None:
         """The next block, first those that failed, or None with a full window or without a waiting block."""
-        for block in self._flight.repeatable():
-            self._flight.resend(block, now_ns)
-            return block.number
-        if not self._waiting or not self._flight.has_room():
+        for number in self.repeatable():
+            self.resend(number, now_ns)
+            return number
+        if not self._waiting or not self.has_room():
             return None
         number = self._waiting.popleft()
-        self._flight.add(number, _SentBlock(number, sent_ns=now_ns))
+        self.add(number, Sent(sent_ns=now_ns))
         return number
-
-    def on_done(self, number: int, now_ns: int) -> None:
-        """A block has arrived."""
-        self.passed_ns = now_ns
-        self._flight.acknowledge(number, now_ns)
-
-    def on_failed(self, number: int, now_ns: int) -> None:
-        """A block had no answer in time."""
-        self._flight.fail(number, now_ns)
-
-
-class _SentBlock(Sent):
-    number: int

@@ -82,7 +82,7 @@ def test_initial_overload_is_seen_by_round_trip() -> None:
     links.on_frame(UAV1, SESSION, item(1), 2 * S)
     link = links.link(UAV1)
     assert link is not None
-    base_ns = link.rate.base_ns
+    base_ns = link.rate.delay.minimum_ns
     assert base_ns is not None
     assert base_ns < 2 * MIN_NS + 400 * MS // 32
 

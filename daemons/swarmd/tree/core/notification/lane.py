@@ -55,13 +55,10 @@ class UnacknowledgedNotification(Sent):
 class NotificationLane(Flight[int, UnacknowledgedNotification]):
     """Sends notifications with consecutive serials; the receiver restores their order."""
 
-    __slots__ = ("_sent_bytes", "number", "sent_ns", "serial")
-
-    def __init__(self, number: LaneNumber, serial: int = 0, policy: RetransmissionPolicy = LANE) -> None:
+    def __init__(self, number: LaneNumber, serial: int = 0) -> None:
         """`serial`: of the notification before the first one."""
-        super().__init__(policy)
+        super().__init__(LANE)
         self.number = number
-        self.sent_ns = 0
         self._sent_bytes = 0
         self.serial = serial
 
@@ -77,7 +74,7 @@ class NotificationLane(Flight[int, UnacknowledgedNotification]):
     @property
     def first(self) -> int:
         """Serial of the oldest unacknowledged notification, or of the next one."""
-        return self.oldest(self.serial + 1)
+        return next(iter(self._items), self.serial + 1)
 
     @property
     def carries_structure(self) -> bool:
@@ -90,12 +87,9 @@ class NotificationLane(Flight[int, UnacknowledgedNotification]):
         self.serial += 1
         notify = msgspec.structs.replace(notify, serial=self.serial, lane=int(self.number), first=first)
         size = _bytes_of(notify)
-        self.add(
-            self.serial,
-            UnacknowledgedNotification(notify, parts, self._sent_bytes, sent_ns=now_ns, size=size),
-        )
+        flight = UnacknowledgedNotification(notify, parts, self._sent_bytes, sent_ns=now_ns, size=size)
+        self.add(self.serial, flight)
         self._sent_bytes += size
-        self.sent_ns = now_ns
         return notify
 
     def due_ns(self) -> int | None:
@@ -106,9 +100,8 @@ class NotificationLane(Flight[int, UnacknowledgedNotification]):
         """Retransmit notifications whose sending failed; those for which there is no room follow when these
         are delivered."""
         first = self.first
-        for flight in self.repeatable():
-            self.resend(flight, now_ns)
-            yield msgspec.structs.replace(flight.notify, first=first)
+        for serial in self.repeatable():
+            yield msgspec.structs.replace(self.resend(serial, now_ns).notify, first=first)
 
     def delivered(self, serial: int, now_ns: int) -> UnacknowledgedNotification | None:
         """The notification was acknowledged; returns None for a duplicate of the acknowledgement."""
@@ -118,9 +111,9 @@ class NotificationLane(Flight[int, UnacknowledgedNotification]):
                 feed.on_acknowledged(items, now_ns)
         return flight
 
-    def failed(self, serial: int, now_ns: int) -> bool:
+    def failed(self, serial: int, now_ns: int, pauses_ns: tuple[int, ...]) -> bool:
         """The notification was not acknowledged in time; returns False if it is not in flight."""
-        flight = self.fail(serial, now_ns)
+        flight = self.fail(serial, now_ns, pauses_ns)
         if flight is None:
             return False
         _keep_ordered(flight)

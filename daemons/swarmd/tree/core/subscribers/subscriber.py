@@ -6,13 +6,12 @@ from typing import Final
 from swarmd.tree.core.action import Coding
 from swarmd.tree.core.notification.board_history import BoardHistory
 from swarmd.tree.core.notification.feed import Feed
-from swarmd.tree.core.notification.lane import COALESCE_NS, LANE, LaneNumber, NotificationLane, Parts
+from swarmd.tree.core.notification.lane import COALESCE_NS, LaneNumber, NotificationLane, Parts
 from swarmd.tree.core.structure.subscription import NO_SUBSCRIPTION, Subscription
 from swarmd.tree.core.subscribers.subscription_plan import SubscriptionPlan
 from swarmware.model.access import Sender
 from swarmware.model.compression import Method
 from swarmware.model.resource import Kind
-from swarmware.transport.retransmission.policy import RetransmissionPolicy
 from swarmware.types.tree import BoardLimit
 
 ITEMS_LIMIT: Final = 64
@@ -36,15 +35,7 @@ class Subscriber:
         "structure_ns", "subscription", "up",
     )  # fmt: skip
 
-    def __init__(
-        self,
-        platform: str,
-        epoch: int,
-        serial: int = 0,
-        *,
-        over_wire: bool = False,
-        policy: RetransmissionPolicy = LANE,
-    ) -> None:
+    def __init__(self, platform: str, epoch: int, serial: int = 0, *, over_wire: bool = False) -> None:
         """`serial`: of the notification before the first one. `over_wire`: another computer of this
         platform."""
         self.platform = platform
@@ -60,7 +51,7 @@ class Subscriber:
         """End of the lease, which begins when the platform was reachable last."""
         self.subscription: Subscription = NO_SUBSCRIPTION
         self.plan = SubscriptionPlan()
-        self.lanes = {number: NotificationLane(number, serial, policy) for number in LaneNumber}
+        self.lanes = {number: NotificationLane(number, serial) for number in LaneNumber}
         self.structure = 0
         """Digest of the structure that the subscriber has."""
         self.structure_ns: int | None = None

@@ -8,7 +8,7 @@ import msgspec
 
 from swarmd.tree.core.action import Action, SendNotify
 from swarmd.tree.core.notification.condition import check_rule, checked_s
-from swarmd.tree.core.notification.lane import LANE, LaneNumber, NotificationLane
+from swarmd.tree.core.notification.lane import LaneNumber, NotificationLane
 from swarmd.tree.core.structure.local import LocalTree
 from swarmd.tree.core.structure.subscription import Subscription, make_subscription
 from swarmd.tree.core.subscribers.subscriber import Subscriber
@@ -196,10 +196,7 @@ class Subscribers:
                 self._drop(one)  # it ends its subscription
             return reply
         if one is None:
-            policy = msgspec.structs.replace(LANE, pauses_ns=self._intervals.retry_ns)
-            one = Subscriber(
-                request.platform, request.epoch, self._serial, over_wire=over_wire, policy=policy
-            )
+            one = Subscriber(request.platform, request.epoch, self._serial, over_wire=over_wire)
             self._subscribers[request.platform] = one
         one.sender, one.reads = sender, frozenset(request.reads)
         one.lease_span_ns = lease_span_ns
@@ -264,7 +261,7 @@ class Subscribers:
                 one.structure = flight.notify.digest
                 if one.structure != self._tree.digest and one.structure_ns is None:
                     one.structure_ns = now_ns
-        elif lane.failed(notify.serial, now_ns):
+        elif lane.failed(notify.serial, now_ns, self._intervals.retry_ns):
             self.failures += 1
             # what has the lowest priority fails on a busy link, too
             failing_ns = None if lane.number is LaneNumber.BACKLOG else lane.failing_since_ns

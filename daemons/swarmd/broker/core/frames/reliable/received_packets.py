@@ -13,7 +13,7 @@ ACK_EVERY: Final = 2
 class ReceivedPackets:
     """Ranges of received packet numbers, and the pending acknowledgement of them."""
 
-    __slots__ = ("_due_ns", "_newest_ns", "_ranges", "_unanswered")
+    __slots__ = ("_newest_ns", "_ranges", "_unanswered", "due_ns")
 
     def __init__(self) -> None:
         self._ranges: list[list[int]] = []
@@ -21,7 +21,8 @@ class ReceivedPackets:
         self._newest_ns = 0
         """When the packet with the highest number arrived."""
         self._unanswered = 0
-        self._due_ns: int | None = None
+        self.due_ns: int | None = None
+        """Instant at which the acknowledgement must be sent, or None if none is pending."""
 
     def on_packet(self, number: int, is_answered: bool, now_ns: int, arrived_ns: int | None = None) -> None:
         """A packet with this number arrived, at `arrived_ns` if it waited for this process."""
@@ -34,9 +35,9 @@ class ReceivedPackets:
             return
         self._unanswered += 1
         if self._unanswered >= ACK_EVERY or not in_order:
-            self._due_ns = now_ns
-        elif self._due_ns is None:
-            self._due_ns = now_ns + ACK_DELAY_NS
+            self.due_ns = now_ns
+        elif self.due_ns is None:
+            self.due_ns = now_ns + ACK_DELAY_NS
 
     def _insert(self, number: int) -> None:
         ranges = self._ranges
@@ -52,11 +53,6 @@ class ReceivedPackets:
         if at + 1 < len(ranges) and ranges[at + 1][1] >= ranges[at][0] - 1:
             ranges[at][0] = ranges.pop(at + 1)[0]
 
-    @property
-    def due_ns(self) -> int | None:
-        """When the acknowledgement must be sent, or None if none is pending."""
-        return self._due_ns
-
     def present(self, now_ns: int) -> Acknowledgement | None:
         """The acknowledgement of all packets, if one is pending."""
         if not self._unanswered:
@@ -67,4 +63,4 @@ class ReceivedPackets:
     def on_acknowledged(self) -> None:
         """The acknowledgement is in a packet that is sent."""
         self._unanswered = 0
-        self._due_ns = None
+        self.due_ns = None

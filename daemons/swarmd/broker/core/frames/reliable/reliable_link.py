@@ -9,7 +9,6 @@ from swarmd.broker.core.frames.reliable.link_action import (
     LinkAction,
     SendPacket,
 )
-from swarmd.broker.core.frames.reliable.loss_recovery import LossRecovery, SentPacket
 from swarmd.broker.core.frames.reliable.outgoing import COMMANDS, ROOM, OutgoingMessages
 from swarmd.broker.core.frames.reliable.packet import (
     NUMBER_MAX,
@@ -22,9 +21,11 @@ from swarmd.broker.core.frames.reliable.packet import (
     piece_bytes,
 )
 from swarmd.broker.core.frames.reliable.reassembly import Reassembly
-from swarmd.broker.core.frames.reliable.received_packets import ReceivedPackets
+from swarmd.broker.core.frames.reliable.received_packets import ACK_DELAY_NS, ReceivedPackets
 from swarmd.broker.core.frames.send_queue import Priority, QueuedFrame
 from swarmware.errors import WireError
+from swarmware.transport.retransmission.loss_detection import LossDetection, SentPacket
+from swarmware.transport.retransmission.policy import RetransmissionPolicy
 from swarmware.transport.retransmission.rate_control import RateControl
 
 OVERHEAD: Final = 28 + 10 + 16
@@ -45,6 +46,27 @@ not answer for a second, and a connection that is opened over a lossy link needs
 FULL: Final = 8
 """Frames that wait to begin, from which on the rate of the link is the limit."""
 
+LINK: Final = RetransmissionPolicy(
+    initial_ns=200_000_000,  # RFC 9002 assumes 666 ms, for the whole Internet
+    granularity_ns=1_000_000,
+    ack_delay_ns=ACK_DELAY_NS,
+    slack_ns=15_000_000,
+    urgent_slack_ns=5_000_000,
+    urgent_probes=3,
+    doublings_max=1,  # with two, a stream stopped for half a second at 40 % loss
+)
+"""Packets with commands are urgent.
+
+Of 30 packets a second at 10 % loss and 20 ms round trip 22 % are sent again with a slack of 4 ms, 13 % with
+15 ms and with 25 ms; the slowest hundredth of commands needs longer with 25 ms. Over three hops with 30 %
+loss each way and 20 ms round trip 99 of 100 messages are confirmed within 0.58 s with an urgent slack of
+15 ms and no urgent probes, and within 0.32 s with 5 ms and 3 (`tests/simulation/reliable/chain.py`).
+"""
+
+
+class _LinkPacket(SentPacket):
+    pieces: tuple[Piece, ...]
+
 
 class ReliableLink:
     """Sends frames as pieces in packets until they arrive, and joins the pieces of arriving frames."""
@@ -57,7 +79,7 @@ class ReliableLink:
         self.session = session
         self.rate = RateControl(now_ns, loss, base_ns)
         self._outgoing = OutgoingMessages()
-        self._recovery = LossRecovery(rtt_ns)
+        self._recovery = LossDetection[_LinkPacket](LINK, rtt_ns)
         self._received = ReceivedPackets()
         self._incoming = Reassembly()
         self._next_number = 0
@@ -72,8 +94,8 @@ class ReliableLink:
     @property
     def is_blocked(self) -> bool:
         """Whether its datagrams do not reach the neighbour, although its beacons arrive."""
-        limit = BLOCKED_LATER if self._recovery.has_arrived else BLOCKED
-        return self._recovery.probes >= limit or self._next_number >= NUMBER_MAX - ROOM
+        limit = BLOCKED_LATER if self._recovery.arrived_ns >= 0 else BLOCKED
+        return self._recovery.failures >= limit or self._next_number >= NUMBER_MAX - ROOM
 
     @property
     def is_full(self) -> bool:
@@ -95,11 +117,6 @@ class ReliableLink:
     def waiting_bytes(self) -> int:
         """Bytes of the frames that have not arrived."""
         return self._outgoing.waiting_bytes
-
-    @property
-    def smoothed_ns(self) -> int:
-        """The smoothed round trip."""
-        return self._recovery.smoothed_ns
 
     def on_queue(self, rtt_ns: int) -> None:
         """Takes the present round trip of a link whose queue is full of frames that took a connection."""
@@ -141,7 +158,9 @@ class ReliableLink:
     def _on_acknowledgement(
         self, acknowledgement: Acknowledgement, now_ns: int, arrived_ns: int | None
     ) -> None:
-        settled = self._recovery.on_acknowledgement(acknowledgement, now_ns, arrived_ns)
+        settled = self._recovery.on_acknowledgement(
+            acknowledgement.ranges, acknowledgement.delay_ns, now_ns, arrived_ns
+        )
         rate = self.rate
         for packet in settled.arrived:
             rate.on_acknowledged(packet.size)
@@ -154,7 +173,7 @@ class ReliableLink:
             rate.on_round_trip(settled.round_trip_ns, now_ns)
         rate.on_round(self._recovery.smoothed_ns, now_ns)
 
-    def _on_lost(self, packets: tuple[SentPacket, ...]) -> None:
+    def _on_lost(self, packets: list[_LinkPacket]) -> None:
         for packet in packets:
             self.rate.on_lost(packet.size)
             for piece in packet.pieces:
@@ -166,15 +185,15 @@ class ReliableLink:
         self._on_lost(lost)
         actions: list[LinkAction] = []
         if probe:
-            if self._recovery.probes == SILENCE:
+            if self._recovery.failures == SILENCE:
                 self.rate.on_silence()
             actions = self._probe(now_ns)
         return actions + self._send(now_ns)
 
     def _probe(self, now_ns: int) -> list[LinkAction]:
         """Repeats the oldest packet in flight, beyond the window."""
-        oldest = self._recovery.oldest
-        copies = 1 if self._recovery.probes == 1 else PROBES
+        oldest = self._recovery.to_probe
+        copies = 1 if self._recovery.failures == 1 else PROBES
         pieces = self._outgoing.repeat(oldest.pieces if oldest is not None else (), copies)
         return [self._packet(pieces, now_ns, ping=not pieces) for _ in range(copies)]
 
@@ -234,7 +253,7 @@ class ReliableLink:
         if packet.is_answered:
             size = len(data) + OVERHEAD
             has_command = self._outgoing.has_command(pieces)
-            self._recovery.on_sent(SentPacket(packet.number, size, now_ns, pieces, has_command))
+            self._recovery.on_sent(_LinkPacket(packet.number, has_command, pieces, sent_ns=now_ns, size=size))
             self.rate.on_sent(size)
         return SendPacket(self.hw, self.session, data)
 
