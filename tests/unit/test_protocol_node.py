@@ -41,8 +41,8 @@ from swarmware.testing.tmpnode import make_node
 from swarmware.transport.appfile.table import AppTable
 from swarmware.transport.delivery.duplicates import HOLD_NS
 from swarmware.transport.delivery.outbox import GRACE_NS, LOCAL, REMOTE
+from swarmware.transport.delivery.outbox import WINDOW as MESSAGE_WINDOW
 from swarmware.transport.messaging.ipc_transport import IPC_PATH_LIMIT
-from swarmware.transport.messaging.router import WINDOW as MESSAGE_WINDOW
 from swarmware.transport.shm import layout, readers
 from swarmware.transport.shm.doorbell import Doorbell, DoorbellSenders
 from swarmware.transport.shm.layout import readers_folder

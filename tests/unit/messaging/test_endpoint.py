@@ -12,9 +12,9 @@ from swarmware.model.names import ANY
 from swarmware.node.node import Node
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.transport.delivery.answer import reply, with_lifetime
+from swarmware.transport.delivery.outbox import WINDOW
 from swarmware.transport.delivery.outcome import Outcome, Status
 from swarmware.transport.delivery.parts import VALUE_LIMIT
-from swarmware.transport.messaging.router import WINDOW
 from swarmware.types import registry
 from swarmware.types.rpc import Ack, Reply
 from swarmware.types.time import Conversion

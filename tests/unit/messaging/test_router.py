@@ -25,11 +25,10 @@ from tests.unit.messaging.routing import (
 from swarmware.model.frame import PAYLOAD_LIMIT, Flag, Frame, FrameKind
 from swarmware.model.names import ANY
 from swarmware.transport.delivery.answer import reply, with_lifetime
-from swarmware.transport.delivery.outbox import GRACE_NS, Complete
+from swarmware.transport.delivery.outbox import GRACE_NS, WINDOW, Complete
 from swarmware.transport.delivery.outcome import Outcome, Status
 from swarmware.transport.messaging.router import (
     PROBE_NS,
-    WINDOW,
     Action,
     Arrive,
     Deliver,

@@ -1,5 +1,6 @@
 """The sender's side: pending messages and requests, their retransmissions and time-outs."""
 
+from collections import Counter
 from typing import Final
 
 import msgspec
@@ -24,6 +25,8 @@ _STATUSES: Final = {int(status): status for status in Status}
 _BULK: Final = int(Flag.BULK)
 _COMMANDS: Final = frozenset({FrameKind.MESSAGE, FrameKind.REQUEST})
 
+WINDOW: Final = 256
+"""Unanswered messages of one data id to one platform; further ones are refused to the sender at once."""
 GRACE_NS: Final = 1_000_000_000
 """Time within which an absent receiver may appear: there is no start order (S0.37)."""
 
@@ -32,8 +35,6 @@ class Transmit(msgspec.Struct, frozen=True):
     """Send this frame, for the first time or again."""
 
     frame: Frame
-    retransmission: bool
-    """True for a retransmission: the receiver is looked up again, because it may have died."""
 
 
 class Complete(msgspec.Struct, frozen=True):
@@ -72,20 +73,20 @@ class _Pending(Sent):
         return min(2 * self.wait_ns, self.policy.max_ns)
 
 
-class Outbox:
+class Outbox(Flight[Key, _Pending]):
     """Pending messages and requests of an application process."""
 
-    def __init__(self, hardware: int, grace_ns: int = GRACE_NS) -> None:
+    def __init__(self, hardware: int, platform: str = "", grace_ns: int = GRACE_NS) -> None:
+        super().__init__(RetransmissionPolicy())
         self._hardware = hardware
+        self._platform = platform
         self._grace_ns = grace_ns
-        self._pending: Flight[Key, _Pending] = Flight(RetransmissionPolicy())
+        self._unanswered: Counter[tuple[int, int]] = Counter()
+        """Number of messages by receiver's hardware and data id; requests are bounded by the receiver."""
         self._timers: Timers[Key] = Timers()
         self._rtt: dict[_Way, RttEstimator] = {}
         self.resent = 0
         """Frames sent more than once."""
-
-    def __len__(self) -> int:
-        return len(self._pending)
 
     @staticmethod
     def key(frame: Frame) -> Key:
@@ -94,20 +95,25 @@ class Outbox:
 
     def on_submit(self, frame: Frame, timeout_ns: int, now_ns: int) -> list[Action]:
         """A new message or request."""
-        key = (frame.sender_app, frame.data_id, frame.sequence)
+        key, window = (frame.sender_app, frame.data_id, frame.sequence), (frame.receiver_hw, frame.data_id)
+        if frame.kind is not FrameKind.REQUEST:
+            if self._unanswered[window] >= WINDOW:
+                detail = f"{WINDOW} messages wait for an answer"
+                return [Complete(key, Outcome(Status.REFUSED, self._platform, detail))]
+            self._unanswered[window] += 1
         policy = LOCAL if frame.receiver_hw == self._hardware else REMOTE
         # A known receiver starts with its measured round trip instead of the initial timeout.
         way = (frame.receiver_hw, frame.kind in _COMMANDS and not frame.flags & _BULK)
         round_trip = self._rtt.get(way)
         wait_ns = round_trip.timeout_ns(policy) if round_trip else policy.initial_ns
         expires_ns = now_ns + timeout_ns
-        self._pending.add(key, _Pending(frame, way, expires_ns, wait_ns, policy, sent_ns=now_ns))
+        self.add(key, _Pending(frame, way, expires_ns, wait_ns, policy, sent_ns=now_ns))
         self._timers.set(key, min(now_ns + wait_ns, expires_ns))
-        return [Transmit(frame, retransmission=False)]
+        return [Transmit(frame)]
 
     def on_ack(self, key: Key, ack: Ack, now_ns: int) -> list[Action]:
         """An acknowledgement, or the refusal of a hop; unknown keys are duplicates."""
-        pending = self._pending.get(key)
+        pending = self.get(key)
         if pending is None:
             return []
         status = _STATUSES.get(ack.status, Status.REFUSED)
@@ -130,41 +136,47 @@ class Outbox:
             pending.wait_ns = pending.policy.max_ns
             pending.absent_since_ns = pending.soft_refusal = None
             return []
-        self._settle(key, now_ns)
+        self.on_reply(key, now_ns)
         return [Complete(key, outcome)]
 
-    def on_reply(self, key: Key, now_ns: int) -> list[Action]:
-        """The reply to a request."""
-        self._settle(key, now_ns)
-        return []
+    def on_reply(self, key: Key, now_ns: int) -> None:
+        """A message was answered, or a request, whose time includes its handler and is no round trip."""
+        pending = self.acknowledge(key, now_ns)
+        round_trip_ns = None if pending is None else pending.round_trip_ns(now_ns)
+        if pending is not None and round_trip_ns is not None and pending.frame.kind is not FrameKind.REQUEST:
+            self._rtt.setdefault(pending.way, RttEstimator()).add(round_trip_ns)
 
     def reached(self, key: Key) -> None:
         """The message was passed to a living application of this platform."""
-        pending = self._pending.get(key)
+        pending = self.get(key)
         if pending is not None:
             pending.reached = True
             pending.absent_since_ns = pending.soft_refusal = None
 
-    def drop(self, key: Key) -> None:
-        """Remove a message or request whose sender does not wait any longer."""
-        self._pending.drop(key)
-        self._timers.drop(key)
+    def drop(self, key: Key) -> _Pending | None:
+        """Remove a message or request that is answered, or whose sender does not wait any longer."""
+        pending = super().drop(key)
+        if pending is not None:
+            self._timers.drop(key)
+            if pending.frame.kind is not FrameKind.REQUEST:
+                self._unanswered[pending.frame.receiver_hw, pending.frame.data_id] -= 1
+        return pending
 
     def on_timer(self, now_ns: int) -> list[Action]:
         """Return retransmissions and outcomes that are due."""
         actions: list[Action] = []
         while (key := self._timers.pop(now_ns)) is not None:
-            pending = self._pending.get(key)
+            pending = self.get(key)
             if pending is None:
                 continue
             # nothing waits for a retransmission after the time-out
             if now_ns >= pending.expires_ns or self._absent_for_good(pending, now_ns):
                 actions.append(self._give_up(key, pending))
             else:
-                self._pending.resend(key, now_ns)
+                self.resend(key, now_ns)
                 self.resent += 1
                 pending.wait_ns = pending.next_wait_ns()
-                actions.append(Transmit(pending.frame, retransmission=True))
+                actions.append(Transmit(pending.frame))
                 self._timers.set(key, self._next_ns(pending, now_ns))
         return actions
 
@@ -185,14 +197,6 @@ class Outbox:
     def _give_up(self, key: Key, pending: _Pending) -> Complete:
         self.drop(key)
         return Complete(key, _given_up(pending))
-
-    def _settle(self, key: Key, now_ns: int) -> None:
-        """A message was answered; the time of a request includes its handler, and measures no round trip."""
-        self._timers.drop(key)
-        pending = self._pending.acknowledge(key, now_ns)
-        round_trip_ns = None if pending is None else pending.round_trip_ns(now_ns)
-        if pending is not None and round_trip_ns is not None and pending.frame.kind is not FrameKind.REQUEST:
-            self._rtt.setdefault(pending.way, RttEstimator()).add(round_trip_ns)
 
 
 def _given_up(pending: _Pending) -> Outcome:

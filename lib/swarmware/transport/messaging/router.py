@@ -23,8 +23,6 @@ from swarmware.types.rpc import Ack, Reply
 from swarmware.types.system import MessageCounters
 from swarmware.types.time import Conversion
 
-WINDOW: Final = 256
-"""Unanswered messages of one data id to one platform; further ones are refused to the sender at once."""
 PROBE_NS: Final = 50_000_000
 """Minimum time between two searches for applications that died."""
 
@@ -172,10 +170,8 @@ class MessageRouter:
         self._by_application: Mapping[int, str] = {}
         self._by_data_id: Mapping[int, str] = {}
         self._broker: str | None = None
-        self._outbox = Outbox(hardware)
+        self._outbox = Outbox(hardware, platform)
         self._received = DuplicateFilter()
-        self._windows: dict[tuple[int, int], int] = {}
-        self._in_window: dict[Key, tuple[int, int]] = {}
         self._probed_ns = -PROBE_NS
 
     def counters(self) -> MessageCounters:
@@ -288,16 +284,8 @@ class MessageRouter:
 
     def on_message(self, frame: Frame, timeout_ns: int, now_ns: int) -> list[Action]:
         """An application of this process sends a message; the last action for it is a Complete."""
-        key = (frame.sender_app, frame.data_id, frame.sequence)
-        window = (frame.receiver_hw, frame.data_id)
-        waiting = self._windows.get(window, 0)
-        if waiting >= WINDOW:
-            detail = f"{WINDOW} messages wait for an answer"
-            return [Complete(key, Outcome(Status.REFUSED, self._platform, detail))]
-        self._windows[window] = waiting + 1
-        self._in_window[key] = window
-        self._outbox.on_submit(frame, timeout_ns, now_ns)  # its one action is to transmit
-        return self._send(frame, now_ns)
+        (action,) = self._outbox.on_submit(frame, timeout_ns, now_ns)
+        return [action] if isinstance(action, Complete) else self._send(frame, now_ns)
 
     def on_request(self, frame: Frame, timeout_ns: int, now_ns: int) -> list[Action]:
         """An application of this process sends a request; its last action is a Replied or a Complete."""
@@ -307,7 +295,6 @@ class MessageRouter:
     def cancel(self, key: Key) -> None:
         """Remove a message or request whose sender does not wait any longer."""
         self._outbox.drop(key)
-        self._leave_window(key)
 
     def on_timer(self, now_ns: int) -> list[Action]:
         """Return retransmissions and time-outs that are due."""
@@ -325,10 +312,7 @@ class MessageRouter:
         out: list[Action] = []
         for action in actions:
             if isinstance(action, Complete):
-                self._leave_window(action.key)
                 out.append(action)
-            elif not action.retransmission:
-                out += self._send(action.frame, now_ns)
             else:
                 # The receiver may have died; each check costs a lock for every application.
                 if now_ns - self._probed_ns >= PROBE_NS:
@@ -336,13 +320,6 @@ class MessageRouter:
                     out.append(Probe())
                 out.append(Repeat(action.frame))
         return out
-
-    def _leave_window(self, key: Key) -> None:
-        window = self._in_window.pop(key, None)
-        if window is not None:
-            waiting = self._windows.pop(window) - 1
-            if waiting:
-                self._windows[window] = waiting
 
     def _send(self, frame: Frame, now_ns: int) -> list[Action]:
         decision = self.route(frame)
