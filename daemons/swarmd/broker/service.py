@@ -10,9 +10,8 @@ import msgspec
 
 from swarmd.broker import config as settings
 from swarmd.broker.boards.channel_api import ChannelApi
-from swarmd.broker.boards.mirrored_boards import MirroredBoards
 from swarmd.broker.boards.net_boards import NetBoards
-from swarmd.broker.boards.own_boards import OwnBoards
+from swarmd.broker.boards.shared_boards import MirroredBoards, OwnBoards
 from swarmd.broker.core.beacon.beacon import PlatformCode
 from swarmd.broker.core.beacon.beacon_rate import ReportSlowdown
 from swarmd.broker.core.beacon.declared_period import FormerState

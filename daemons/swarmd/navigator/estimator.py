@@ -4,7 +4,7 @@ from contextlib import suppress
 from typing import ClassVar
 
 from swarmd.navigator import config as settings
-from swarmd.navigator.core.estimation import PoseEstimation
+from swarmd.navigator.core.estimator import PoseEstimation
 from swarmd.navigator.core.input_delay import DelayMeter
 from swarmd.navigator.core.pace import Pace
 from swarmd.navigator.inputs import Fresh, SensorInputs, StateInputs, hovers, map_origin

@@ -6,7 +6,7 @@ from typing import Final
 
 import pytest
 
-from swarmd.broker.boards.mirrored_boards import MirroredBoards
+from swarmd.broker.boards.shared_boards import MirroredBoards
 from swarmd.broker.core.boards.relay_cache import RemoteValue
 from swarmd.broker.core.traffic import Counters
 from swarmware.errors import WireError

@@ -4,7 +4,7 @@ import asyncio
 from pathlib import Path
 from typing import Final
 
-from swarmd.broker.boards.own_boards import LOOK_AGAIN_NS, VALUE_LIMIT, OwnBoards
+from swarmd.broker.boards.shared_boards import LOOK_AGAIN_NS, VALUE_LIMIT, OwnBoards
 from swarmd.broker.core.boards.channel_table import ChannelTable
 from swarmd.broker.core.boards.published_boards import PublishedBoards
 from swarmd.broker.core.traffic import Counters

@@ -3,7 +3,7 @@
 import pytest
 
 from swarmd.navigator.config import AltitudeConfig
-from swarmd.navigator.core.altitude import AltitudeHold
+from swarmd.navigator.core.air_controller import AltitudeHold
 from swarmd.sim.config import MultirotorLimits
 from swarmd.sim.core.multirotor import Multirotor
 from swarmware.types.vehicle import Pose, Setpoint

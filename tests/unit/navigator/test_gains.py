@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from swarmd.navigator.config import Config
-from swarmd.navigator.core.altitude import AltitudeHold
+from swarmd.navigator.core.air_controller import AltitudeHold
 from swarmd.navigator.core.controller import controller
 from swarmd.navigator.service import Navigator
 from swarmware.model.airframe_file import load_airframe

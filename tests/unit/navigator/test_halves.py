@@ -8,7 +8,7 @@ import pytest
 
 from swarmd.navigator.config import Config
 from swarmd.navigator.core.controller import controller
-from swarmd.navigator.core.estimation import PoseEstimation
+from swarmd.navigator.core.estimator import PoseEstimation
 from swarmd.navigator.core.guidance import Guidance
 from swarmd.navigator.core.navigator import NavigatorCore
 from swarmd.navigator.core.pace import Pace

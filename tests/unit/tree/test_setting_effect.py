@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from swarmd.tree.operator.setting_effect import SettingEffect
+from swarmd.tree.settings.settings import SettingEffect
 from swarmware.model.resource import Kind, Resource
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter

@@ -5,8 +5,7 @@ from typing import Final
 
 import msgspec
 
-from swarmd.navigator.config import Config
-from swarmd.navigator.core.altitude import AltitudeHold
+from swarmd.navigator.config import AltitudeConfig, Config
 from swarmd.navigator.core.target import Surroundings, Target
 from swarmware.types.vehicle import Pose, Setpoint
 
@@ -29,6 +28,43 @@ _FINAL_M: Final = 1.5
 """Height below which a landing vehicle descends at touch-down speed."""
 _DEEP_M: Final = 10.0
 """Depth of a landing's target below the vehicle; with a target on the ground it would hover just above it."""
+
+
+class AltitudeHold:
+    """PID controller from height to climb rate; the derivative of the measurement avoids derivative kick."""
+
+    __slots__ = ("_gains", "_integral_m_s")
+
+    def __init__(self, gains: AltitudeConfig) -> None:
+        self._gains = gains
+        self._integral_m_s = 0.0
+
+    def set_gains(self, gains: AltitudeConfig) -> None:
+        """Replaces the gains, also in flight (S2.46)."""
+        self._gains = gains
+
+    def reset(self) -> None:
+        """Clears the integral, which would wind up on the ground."""
+        self._integral_m_s = 0.0
+
+    def climb_m_s(
+        self,
+        wanted_m: float,
+        height_m: float,
+        climb_m_s: float,
+        max_m_s: float,
+        min_m_s: float,
+        dt_s: float,
+    ) -> float:
+        """Commanded climb rate within its limits; the lower limit is negative."""
+        gains = self._gains
+        error_m = wanted_m - height_m
+        unlimited = gains.kp_1_s * error_m + self._integral_m_s - gains.kd * climb_m_s
+        answer = min(max(unlimited, min_m_s), max_m_s)
+        # anti-windup: the integral grows only while the output is not saturated
+        if answer == unlimited or (unlimited - answer) * error_m < 0:
+            self._integral_m_s += gains.ki_1_s2 * error_m * dt_s
+        return answer
 
 
 class AirController:

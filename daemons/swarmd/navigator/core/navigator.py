@@ -6,7 +6,7 @@ import msgspec
 
 from swarmd.navigator.config import Config
 from swarmd.navigator.core.controller import Controller
-from swarmd.navigator.core.estimation import PoseEstimation
+from swarmd.navigator.core.estimator import PoseEstimation
 from swarmd.navigator.core.guidance import Guidance
 from swarmd.navigator.core.pace import TURNS
 from swarmware.geometry.geodesy import Origin

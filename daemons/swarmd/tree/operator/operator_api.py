@@ -11,13 +11,12 @@ import msgspec
 from swarmd.tree.core.action import Action
 from swarmd.tree.core.tree import SwarmTree
 from swarmd.tree.core.values.value import check_settable, typed, unpacked, with_field
-from swarmd.tree.operator.setting_effect import SettingEffect
 from swarmd.tree.operator.tree_view import json_text
 from swarmd.tree.operator.type_catalogue import TypeCatalogue
 from swarmd.tree.operator.unit_forwarder import UnitForwarder
 from swarmd.tree.records.change_log import ChangeLog
 from swarmd.tree.records.denial_log import DenialLog
-from swarmd.tree.settings.settings import Settings
+from swarmd.tree.settings.settings import SettingEffect, Settings
 from swarmware.errors import Conflict, Denied, NoAnswer, NotFound, SwarmError
 from swarmware.model import names, paths
 from swarmware.model.access import Verb

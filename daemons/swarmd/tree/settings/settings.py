@@ -1,6 +1,7 @@
 """Settings as resources: one board each, with the stored value, else the file's value, else the default."""
 
 import asyncio
+import contextlib
 import logging
 from collections.abc import Callable, Iterable
 from typing import Any, Final
@@ -18,11 +19,14 @@ from swarmware.module.module import Module
 from swarmware.module.writer import BOARD_SLOT_BYTES, BOARD_SLOTS, BoardWriter
 from swarmware.transport.appfile.entry import AppEntry
 from swarmware.types import registry
+from swarmware.types.tree import TreeSetDone
 
 log = logging.getLogger("swarm.tree")
 
 NEVER_SET: Final = 0
 """Version of a setting that was never changed."""
+APPLY_S: Final = 1.5
+"""Time that an application has: `mission` looks once a second; the answer must come before `answer_s`."""
 
 
 class Settings:
@@ -202,6 +206,43 @@ class Settings:
         for board in self._boards.values():
             board.close(unlink=False)
         self._boards.clear()
+
+
+class SettingEffect:
+    """Follows a changed setting until each application that has it states the value in its file."""
+
+    def __init__(self, module: Module, apply_s: float = APPLY_S) -> None:
+        self._module = module
+        self._apply_s = apply_s
+
+    async def followed(self, path: str, value: msgspec.Struct, done: TreeSetDone) -> TreeSetDone:
+        """The answer, with the applications that have taken the value, and those that have not in time."""
+        plain = _plain(value)
+        changed = asyncio.Event()
+        # before the first look: a change between look and subscription would be missed
+        subscription = self._module.node.applications.subscribe(lambda _: changed.set())
+        try:
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(self._apply_s):
+                    while self._having(path, plain, applied=False):
+                        await changed.wait()
+                        changed.clear()
+        finally:
+            subscription.close()
+        return msgspec.structs.replace(
+            done,
+            applied_by=self._having(path, plain, applied=True),
+            awaited=self._having(path, plain, applied=False),
+        )
+
+    def _having(self, path: str, value: Plain, *, applied: bool) -> tuple[str, ...]:
+        """Applications with the setting; `applied`: those that state the value, else the others."""
+        return tuple(
+            entry.name
+            for entry in self._module.node.applications.table
+            for name in entry.live.values()
+            if paths.setting(name) == path and (entry.applied.get(name) == value) is applied
+        )
 
 
 def _plain(value: msgspec.Struct) -> Plain:
