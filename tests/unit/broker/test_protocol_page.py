@@ -313,7 +313,7 @@ def test_the_figures_of_the_page_are_ours() -> None:
         f"a round trip of {RTT_FREE_NS // MS} ms, rising to {RTT_PENALTY} at {RTT_FULL_NS // MS} ms",
         f"reports every {MEDIA_NS / SECOND} s by which media",
         f"the share of the last {ARRIVALS} datagrams (at least {ARRIVALS_MIN} are expected)",
-        f"or since {MEDIUM_PERIODS} periods of the sender",
+        f"or for {MEDIUM_PERIODS} periods of the sender",
         f"(divided by the square of that share, at most {MEDIUM_PERIODS_MAX:.0f})",
         f"Another one must be better by more than {MEDIUM_HYSTERESIS}",
     ):

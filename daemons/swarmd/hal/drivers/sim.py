@@ -165,7 +165,7 @@ class SimPassed(SimSensor[T, T]):
         return module.writer(self._path, self._cls, rate_hz=self._rate_hz)
 
     def measured(self, value: T) -> T:
-        """The value itself."""
+        """The value of the simulation, unchanged."""
         return value
 
 
