@@ -112,6 +112,7 @@ class BrokerShell:
         feed = self._driver.feed
         with contextlib.ExitStack() as stack:
             stack.callback(self._denials.close)
+            # closed in the reverse order, so each part before the parts that it uses
             self._media = Media(
                 config,
                 asyncio.get_running_loop(),
@@ -161,6 +162,7 @@ class BrokerShell:
         self._channel_api = ChannelApi(module, core.channels, self._boards.limits)
         self._membership = Membership(service, keys, self._transport, self._gateway)
         self._plan = module.reader("tree/plan", TreePlan)
+        # known only now; with port 0 the kernel has chosen them
         links = self._gateway.links
         core.set_ports(links.tcp_port, links.frame_port)
 
@@ -199,7 +201,9 @@ class BrokerShell:
 
     def on_timer(self, now_ns: int) -> list[Action]:
         """Receives the waiting datagrams, reads the boards that a due beacon needs, then calls the core."""
+        # boards are read only where a beacon is due; reading them costs more than a step of the core
         needs_boards = self._core.begin_turn(now_ns)
+        # datagrams that wait may show that a link is not silent
         self._transport.receive()
         read_ns = self._clock.now_ns()
         actions: list[Action] = []

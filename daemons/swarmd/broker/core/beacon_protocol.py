@@ -185,6 +185,7 @@ class BeaconProtocol:
             restarted = known.session not in (0, header.session)
         first_hello = False
         if beacon.hello is not None:
+            # a clock beyond this range would overflow the differences from which offsets are computed
             clock_fits = abs(beacon.hello.clock_high) <= CLOCK_HIGH_MAX
             if not clock_fits or not self.nodes.on_hello(hw, beacon.hello, rx_ns):
                 self.counters.refused.malformed += 1
@@ -199,6 +200,7 @@ class BeaconProtocol:
         neighbour = update.neighbour
         if header.session is not None:
             neighbour.session = header.session
+        # stamps of two sessions are not comparable, as each has a clock of its own
         if restarted:
             self.relay_cache.forget_origin(hw)
         routing = self.topology.routing
@@ -240,6 +242,7 @@ class BeaconProtocol:
         if self.channels.version != self._limits_version:
             self._limits_version = self.channels.version
             self.published.offer(self._plan.offers, self.channels.board_max_hz)
+        # both tables are swept seldom; entries live for minutes
         if now_ns >= self._forget_ns:
             self._forget_ns = now_ns + _FORGET_NS
             self.relay_cache.forget(now_ns)
@@ -272,6 +275,7 @@ class BeaconProtocol:
 
     def may_skip(self, now_ns: int) -> bool:
         """Whether the next beacon may be skipped: it has no change that must be sent now."""
+        # at rest every beacon is needed; neighbours measure loss and clocks with two a second
         if not self.busy or self.hellos.is_scheduled or now_ns - self._sent_ns >= self.hellos.silence_ns():
             return False
         if self.structures.is_due(now_ns):
@@ -292,6 +296,7 @@ class BeaconProtocol:
         hello = self._hello(now_ns)
         room = BODY_LIMIT - 16 - self.reserved_bytes - (hello_bytes(hello) if hello is not None else 0)
         media = () if self._media is None else self._media.listings(now_ns, OWN_SHARE // 4)
+        # from here each section gets the room that the more important ones have left
         room -= media_bytes(len(media))
         section = self.topology.compose(now_ns, min(room, OWN_SHARE))
         room -= (
@@ -303,11 +308,13 @@ class BeaconProtocol:
         solicitation = self._solicitation(section.asked, now_ns, has_hello=hello is not None)
         room -= solicitation_bytes(len(section.asked)) if solicitation is not None else 0
         hz = self.beacon_hz()
+        # own values before relayed ones; other nodes can relay those, too
         values = self.published.values(now_ns, room, round(1e9 / hz))
         room -= sum(value_bytes(value.payload) for value in values)
         for value in values:
             channel = self.counters.channel(self.published.boards[value.data_id].path)
             channel.sent(len(value.payload))
+        # without a neighbour a structure would be sent to no node and count as announced
         has_neighbours = self.topology.neighbours.active_count() > 0
         structures = self.structures.compose(now_ns, room, has_neighbours=has_neighbours)
         room -= structures.bytes
@@ -319,6 +326,7 @@ class BeaconProtocol:
         self._relay_room = min(self._relay_room, self._relay_bytes_s / hz) + self._relay_bytes_s * span_s
         relays = self.relay_cache.compose(now_ns, min(room, int(self._relay_room)), common, needed)
         self._relay_room -= sum(relay_bytes(relay.payload) for relay in relays) + proofs_bytes(relays)
+        # keeps the busy rate for a moment, so that the rate does not flap between two relayed values
         self._relaying = bool(relays) or (self._relaying and self.relay_cache.relayed_recently(now_ns))
         beacon = Beacon(
             hello,
@@ -334,6 +342,7 @@ class BeaconProtocol:
             neighbour_requests=section.neighbour_requests,
             solicitation=solicitation,
         )
+        # written to disk by the shell before the beacon is sent; a restarted node must wait as long
         rose = hello is not None and self._declared_period.declare(self.hellos.declared_ns, now_ns)
         period_ns = self._declared_period.ns if rose else 0
         return OutgoingBeacon(self.topology.next_sequence(), hello is not None, beacon, period_ns)
@@ -345,6 +354,7 @@ class BeaconProtocol:
         node at rest does not repeat it, and a node at 10 Hz never states it.
         """
         answer_ms = min(self._answer_ns(now_ns) // 1_000_000 + 1, 0xFFFF)
+        # 0 is stated; the node does not answer, because its next beacon is as soon
         if ANSWER_SHARE * self.hellos.declared_ns < answer_ms * 1_000_000:
             answer_ms = 0
         known_ms = self._answer_ms

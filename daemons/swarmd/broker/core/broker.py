@@ -178,6 +178,7 @@ class BrokerCore:
 
     def deadline_ns(self) -> int | None:
         """Instant of the next beacon, of the next tables, or of a silent link."""
+        # handled in a step of their own, after all waiting datagrams
         if self._tables_changed or self._triggered:
             return AT_ONCE
         due_ns = min(self._schedule.due_ns, self._publish_ns, self._neighbours.again_ns)
@@ -234,6 +235,7 @@ class BrokerCore:
         if batch is not None:
             actions.append(WriteClockSamples(batch))
         period_ns = self._period_ns()
+        # questions and answers of sessions must not wait; links come up only after them
         urgent = schedule.urgent or self._sessions.waiting > 0
         if not urgent and self._protocol.may_skip(now_ns + schedule.jitter_ns(period_ns)):
             schedule.skip(now_ns, period_ns)
@@ -244,6 +246,7 @@ class BrokerCore:
     def _publish(self, actions: list[Action], now_ns: int) -> None:
         is_period = now_ns >= self._publish_ns
         if is_period:
+            # at whole seconds, together with the other periodic work of the node
             self._publish_ns = (now_ns // PUBLISH_NS + 1) * PUBLISH_NS
         if self._duplicate_ns and now_ns - self._duplicate_ns > DUPLICATE_NS:
             self._duplicate_ns = 0
@@ -296,6 +299,7 @@ class BrokerCore:
         )
         if outcome is not ACCEPTED:
             self._on_outcome(hw, header.session, outcome, actions, now_ns)
+        # nothing but its session checks counts, which were taken above
         if not outcome.accepted or not checked.is_genuine:
             self.counters.datagram_received(size, UNACCEPTED, transport_of(by))
             if outcome.accepted:

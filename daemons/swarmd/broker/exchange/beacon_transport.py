@@ -132,11 +132,13 @@ class BeaconTransport:
         beacon, sequence = outgoing.beacon, outgoing.sequence
         self._sequence = sequence
         exchange = self._core.exchange
+        # neighbours have the new group key; from this beacon on it seals
         if exchange is not None and exchange.epochs.sealing is not self._group:
             self._group = exchange.epochs.sealing
             self._sealer = Sealer(self._group, self._hardware, self._session)
             log.info("beacons are sealed with group key %d", self._group.epoch)
         body = bytearray(codec.encode(beacon))
+        # read after encoding; echoes and clock differences refer to the instant of the send
         tx_ns = self._clock.now_ns()
         if beacon.hello is not None and tx_ns // 1000 >> 32 != beacon.hello.clock_high:
             hello = msgspec.structs.replace(beacon.hello, clock_high=tx_ns // 1000 >> 32)
@@ -156,6 +158,7 @@ class BeaconTransport:
         if signatures is not None:
             content = signatures.signed(clear, body, beacon.values, tx_ns // 1000)
         data = clear + self._sealer.seal(sequence, clear, content)
+        # without multicast a probe now and then finds out when it works again
         if self._udp.has_group and (self._unreturned < UNRETURNED_MAX or sequence % PROBE_EVERY == 0):
             self._to_group(data)
         for address in self._core.targets.unicast_addresses(self._seeds.values(), tx_ns):
@@ -193,6 +196,7 @@ class BeaconTransport:
             if medium is self._udp.medium:
                 self._unreturned = 0  # multicast loops datagrams back
             return
+        # before everything else; a simulated distance must cost nothing
         if self._hear is not None and sender_hw not in self._hear:
             self._counters.refused.unheard += 1
             return
@@ -224,6 +228,8 @@ class BeaconTransport:
         header.session = opened.session
         try:
             checked = self._core.check(header, beacon, data[:start], opened.body, address[0])
+            # the replay window takes the number only now; a forged beacon must not use up the one of the
+            # genuine
             if opener is not None and checked.is_genuine:
                 opener.take(header.sender_hw, opened.session, header.sequence)
             is_accepted, actions = self._core.on_datagram(
@@ -241,6 +247,7 @@ class BeaconTransport:
                 if by_multicast and medium is self._udp.medium:
                     self._unreturned = 0
             self._feed(actions)
+        # a defect must end the datagram that shows it, never the broker, which others rely on for forwarding
         except FAULTS:
             self._counters.refused.failed += 1
             self.log_fault("a datagram could not be processed")
@@ -325,6 +332,7 @@ class BeaconTransport:
             return True
         if header.session not in (None, self._session):
             return False
+        # a number that was sent; multicast has looped the beacon back
         if header.sequence <= self._sequence:
             return True
         if not self._limiter.may_open(address, self._hardware, rx_mono_ns):

@@ -91,6 +91,7 @@ class FrameLinks:
                 ways,
                 self,
             )
+        # the sockets of ZeroMQ are open already, and this object does not exist for its owner
         except ConfigError:
             self._connections.close()
             raise
@@ -154,6 +155,7 @@ class FrameLinks:
             is_clean = self._ways is None and self._core.is_clean(peer.hw)
             if not is_clean or self._connections.waiting(peer.hw)[0]:
                 return False
+        # over several media at once the urgent frame is sent on all, which a reliable link is not
         elif self._core.uses_datagrams(peer.hw) and not self._has_several(peer):
             return False  # its reliable link sends it at once, and again if it is lost
         if not self._socket.send(peer, frame, data):
@@ -309,6 +311,7 @@ class FrameLinks:
         """The quality of the links by neighbour, as beacons measured it in the last second."""
         now_ns = self._clock.now_ns()
         for hw, quality in qualities:
+            # datagrams are kept while a connection would first have to be opened
             is_opening = self._connections.state(hw) is ConnectionStatus.CONNECTING
             known = msgspec.structs.replace(quality, is_opening=is_opening)
             self._driver.feed(self._core.on_quality(hw, known, now_ns))
@@ -325,6 +328,7 @@ class FrameLinks:
         counters.tcp_sent_bytes = count.sent_bytes
         counters.tcp_received_bytes = count.received_bytes
         counters.refused.denied_connections = self._connections.denied
+        # set again below; a link without a queue has no row that would set it to 0
         for row in counters.links.values():
             row.waiting_frames = row.waiting_bytes = 0
         for peer in self._connections.peers():
@@ -347,6 +351,8 @@ class FrameLinks:
         return self._connections.state(hw)
 
     def _perform(self, action: Action) -> None:
+        # the neighbour was lost between the action and its execution; its frames were returned by
+        # `disconnect`
         peer = self.find_peer(action.hw)
         if peer is None:
             return

@@ -77,6 +77,7 @@ class SerialLineMedium(DatagramMedium):
             self._report(str(error))
             self._look_again()
         else:
+            # what waited before the line was unplugged is stale
             self._queue.clear()
             self._named.clear()
             self._report("")
@@ -85,6 +86,7 @@ class SerialLineMedium(DatagramMedium):
         port, self._port = self._port, None
         if port is None:
             return
+        # the device says why it is gone, which the log and the operator need
         try:
             port.check()
         except NotFound as error:
@@ -139,6 +141,7 @@ class SerialLineMedium(DatagramMedium):
             return
         self._damaged += found
         self._refused.damaged += found
+        # noise would fill the log; each reason once for each opening
         for reason in counts.keys() - self._named:
             self._named.add(reason)
             log.warning(

@@ -96,6 +96,7 @@ class Udp(DatagramMedium):
         self._timer: asyncio.TimerHandle | None = None
         self._taken = 0
         """Datagrams read since the timer was set, including those read before it expired."""
+        # as if nothing had been read for a while; the first datagram is taken at once
         self._read_ns = clock.now_ns() - REST_WINDOW_NS
         self._window_ns = WINDOW_NS if network.window_ns is None else network.window_ns
         self._is_adaptive = network.window_ns is None
@@ -153,6 +154,7 @@ class Udp(DatagramMedium):
 
     def _on_readable(self) -> None:
         pause_ns = self._clock.now_ns() - self._read_ns
+        # datagrams come faster than the window; the timer collects them, and the loop is woken less often
         if self._receive() < TURN and pause_ns < self._window_ns:
             self._unwatch()
             self._set_timer()
@@ -168,6 +170,8 @@ class Udp(DatagramMedium):
         try:
             count = self._receive()
         finally:
+            # datagrams still arrive; one more window; after a silent one the next datagram wakes the loop at
+            # once
             if count < TURN and self._taken:
                 self._set_timer()
             else:
@@ -184,6 +188,7 @@ class Udp(DatagramMedium):
                 self._loop.remove_reader(sock.fileno())
 
     def _drain(self, sock: socket.socket, by_multicast: bool, stamps: ArrivalStamps) -> int:
+        # bounded, so that a flood cannot keep the event loop from everything else
         receive, on_arrival = sock.recvmsg, self._on_arrival
         for count in range(TURN):
             try:

@@ -140,7 +140,7 @@ class Outbox(Flight[Key, _Pending]):
         return [Complete(key, outcome)]
 
     def on_reply(self, key: Key, now_ns: int) -> None:
-        """A message was answered, or a request, whose time includes its handler and is no round trip."""
+        """A message was answered, or a request, whose time includes its handler and is not a round trip."""
         pending = self.acknowledge(key, now_ns)
         round_trip_ns = None if pending is None else pending.round_trip_ns(now_ns)
         if pending is not None and round_trip_ns is not None and pending.frame.kind is not FrameKind.REQUEST:

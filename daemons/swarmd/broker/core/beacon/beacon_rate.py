@@ -117,6 +117,7 @@ class Slowdown:
             self.delayed_beacons += 1
         self._late_ns.append(late_ns)
         newest = self._late_ns[-EVALUATED_MIN:]
+        # late by whole periods in a row; the evaluation does not wait for its interval
         behind = min(newest) > period_ns
         if len(newest) < EVALUATED_MIN or (len(self._late_ns) * period_ns < EVALUATION_NS and not behind):
             return False
@@ -125,11 +126,13 @@ class Slowdown:
         span_ns = len(self._late_ns) * period_ns
         self._late_ns.clear()
         before = self.factor
+        # one step as large as the lateness, because neighbours take the link down within a second
         if self.late_ns > OVERLOAD_RATIO * period_ns:
             self._recovered_ns = 0
             self._overloaded_at = before
             step = min(max(self.late_ns / (OVERLOAD_RATIO * period_ns), STEP_MIN), STEP_MAX)
             self.factor = min(before * step, SLOWDOWN_MAX)
+        # neither overloaded nor idle enough for the faster rate; the recovery counts from here again
         elif self.late_ns > RECOVERY_RATIO * period_ns / STEP_MIN:
             self._recovered_ns = 0
         else:
@@ -144,6 +147,7 @@ class Slowdown:
         if self.factor <= self._overloaded_at:
             self._overloaded_at = 1.0
         step = min(RECOVERY_RATIO * period_ns / max(self.late_ns, 1), STEP_MAX)
+        # a large step may not go beyond the factor of the last overload; the load may still be there
         small = self.factor / STEP_MIN
         self.factor = max(min(small, max(self.factor / step, self._overloaded_at * STEP_MIN)), 1.0)
 
@@ -168,6 +172,7 @@ class BeaconSchedule:
         """Schedules a triggered beacon, `gap_ns` or more after the last one; returns whether it is sooner."""
         self.urgent = True
         soon_ns = max(now_ns + round(TRIGGERED_NS * (0.1 + 0.9 * self._chance())), self._left_ns + gap_ns)
+        # the periodic beacon is sooner and carries the same news
         if soon_ns >= self.due_ns:
             return False
         self.due_ns = soon_ns
@@ -205,6 +210,7 @@ class BeaconSchedule:
 
         After a beacon that followed skipped ones the next is probably skipped, too: it is due on the grid.
         """
+        # rounded up to the grid on which the process wakes for its other periodic work
         if self._skipped:
             self._skipped, self._resting = False, True
             self.due_ns = -(-(now_ns + round(period_ns * (1 - JITTER))) // period_ns) * period_ns

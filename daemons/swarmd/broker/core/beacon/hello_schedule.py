@@ -93,6 +93,7 @@ class HelloSchedule:
 
     def set_roster_version(self, version: int) -> None:
         """Sets the version of the roster that hellos show."""
+        # at the start the first hellos have it anyway
         self._announcements = ROSTER_HELLOS if self._roster_version else 0
         self._roster_version = version
 
@@ -107,10 +108,14 @@ class HelloSchedule:
 
     def next_hello(self, at: Moment) -> Hello | None:
         """The hello of the next beacon, or None if it needs no hello."""
+        # beacons leave in whole slots, so the longest silence is rounded up to one
         rest_ns = -(-SILENCE_NS // at.slot_ns) * at.slot_ns
+        # a beacon was skipped; the node rests, which hellos declare before the silence grows
         left_out = at.sent_ns != NEVER_NS and at.now_ns - at.sent_ns >= FIRST_SILENCE_NS > at.slot_ns
         rests = at.busy and left_out
         period_ns = rest_ns if rests else max(at.slot_ns, min(at.gap_ns, rest_ns))
+        # the longer period is declared at the present rate first; a neighbour that missed it would take the
+        # link down
         falls = not at.busy and not at.is_changing and self.quiet_rate.is_falling
         if falls:
             period_ns = max(period_ns, round(1e9 / IDLE_HZ))

@@ -98,6 +98,7 @@ class ChannelTable:
             settings = merged(before, request.settings, request.unset)
         if present is None and len(self._rules) >= RULES_LIMIT:
             raise OutOfRange(f"{RULES_LIMIT} rules are set: expected fewer; `traffic clear` removes them")
+        # the newest rule comes first, because the first match applies
         rules = {other: rule for other, rule in self._rules.items() if other != key}
         if settings != NO_SETTINGS:
             rules = {key: _timed(settings, request.for_s, present, now_ns), **rules}
@@ -109,6 +110,7 @@ class ChannelTable:
         Raises: NotFound without such a change.
         """
         self.advance(now_ns)
+        # a change whose time is over changes nothing any more; an earlier one is undone
         while self._before:
             rules = _in_force(self._before.pop(), now_ns)
             if list(rules.items()) != list(self._rules.items()):
@@ -149,6 +151,7 @@ class ChannelTable:
 
         Raises: InvalidInput, OutOfRange for a rule that is invalid; nothing has changed then.
         """
+        # ends are instants of the monotonic clock, which starts again with the computer
         is_same = kept.boot_id == boot_id
         rules = _rules_of(kept.rules, with_ends=is_same)
         before = [_rules_of(one, with_ends=is_same) for one in kept.before]
@@ -213,6 +216,7 @@ def _timed(settings: ChannelSettings, for_s: float, present: KeptRule | None, no
     if not for_s:
         return KeptRule(settings)
     former = None
+    # a limited rule on top of another limited one returns to the settings before both
     if present is not None:
         former = present.settings if present.ends_ns is None else present.former
     return KeptRule(settings, now_ns + round(for_s * 1e9), former)

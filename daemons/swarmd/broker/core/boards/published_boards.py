@@ -54,8 +54,10 @@ class PublishedBoard:
 
     def put(self, payload: bytes, packed: bool, stamp_ns: int) -> None:
         """Takes the newest value; an unchanged payload with a later stamp triggers no beacon."""
+        # the former value was not sent yet and never will be
         if self.limited and self.version != self.sent_version:
             self.held_back += 1
+        # several beacons carry a change, because a beacon is never repeated
         if payload != self.payload or packed != self.packed:
             self.repeats = REPEATS
         self.payload = payload
@@ -77,6 +79,7 @@ class PublishedBoards:
         """Sets the published boards and their rates: by a rule of channels, else by the offered interval."""
         boards: dict[int, PublishedBoard] = {}
         for offer in offers:
+            # kept over changes of the plan; its newest value need not be written again
             board = self.boards.get(offer.data_id) or PublishedBoard(offer)
             board.period_ns = max(offer.min_interval_ms * 1_000_000, _ALWAYS_NS)
             board.limited = False
@@ -99,6 +102,7 @@ class PublishedBoards:
         values: list[BoardValue] = []
         for _, board in due:
             size = value_bytes(board.payload)
+            # a smaller value behind it may still fit
             if size > room:
                 continue
             room -= size
@@ -126,6 +130,7 @@ class PublishedBoards:
                 continue
             waited_ns = now_ns - board.sent_ns + beacon_period_ns // 2
             changed = board.version != board.sent_version
+            # an unchanged value is refreshed now and then, for nodes that missed it
             period_ns = board.period_ns if changed else max(REFRESH_NS, board.period_ns)
             if waited_ns >= period_ns:
                 due.append((waited_ns / max(period_ns, beacon_period_ns), board))

@@ -57,6 +57,7 @@ class ReceivedValues:
         }
         cached: list[tuple[BoardSubscription, RemoteValue]] = []
         for key, subscription in subscriptions.items():
+            # a value that was relayed for others is here already; the subscriber need not wait for the next
             if key not in self._subscriptions and (remote := self._cache.newest(*key)) is not None:
                 cached.append((subscription.want, remote))
         self._subscriptions = subscriptions
@@ -88,6 +89,7 @@ class ReceivedValues:
         found: list[tuple[BoardSubscription, RemoteValue]] = []
         hw, clock_us, cache = neighbour.hw, neighbour.clock_us, self._cache
         wants, find = self._subscriptions, self._find
+        # without a hello the upper part of the sender's clock, and so the age of a value, is unknown
         if neighbour.hello is not None:
             for position, value in enumerate(beacon.values):
                 remote = cache.on_own_value(hw, value, clock_us, rx_ns, proof, position)
@@ -105,6 +107,7 @@ class ReceivedValues:
                 continue
             origin_link = find(origin_hw)
             remote = None
+            # the own beacons of the origin are newer than any copy
             if origin_link is not None and _is_received(origin_link, rx_ns):
                 cache.on_relayed(hw, relay, rx_ns)
             else:

@@ -157,11 +157,13 @@ class RelayCache:
         """
         entry = self._entries.get((origin_hw, data_id))
         if entry is None:
+            # a member that invents origins must not take the memory of this node
             if len(self._entries) >= ENTRY_LIMIT:
                 return None
             entry = self._entries[origin_hw, data_id] = _CachedValue(origin_hw, data_id)
         elif not self._is_newer(entry, stamp_us, age_us, payload, rx_ns, proof):
             is_same = payload == entry.payload and abs(stamp_us - entry.stamp_us) <= COARSE_US
+            # the same value with a proof; from now on it can be relayed
             if entry.proof is None and proof is not None and is_same:
                 entry.stamp_us, entry.proof, entry.position = stamp_us, proof, position
             self._on_repeated(entry, sender_hw, stamp_us - entry.stamp_us, hops, rx_ns)
@@ -174,6 +176,7 @@ class RelayCache:
         entry.hops = hops
         entry.rx_ns = rx_ns
         entry.relayed = False
+        # only these two surely have the new value; others are added when they relay it
         entry.holders = {sender_hw, origin_hw}
         entry.proof, entry.position = proof, position
         return RemoteValue(origin_hw, data_id, stamp_us, age_us, packed, payload, rx_ns)
@@ -194,9 +197,11 @@ class RelayCache:
         rx_ns: int,
         proof: ValueProof | None = None,
     ) -> bool:
+        # the origin has restarted; stamps of two sessions cannot be compared
         if proof is not None and entry.proof is not None and proof.session != entry.proof.session:
             return proof.session > entry.proof.session
         ahead_us = stamp_us - entry.stamp_us
+        # ages have a coarser unit in beacons when they are long
         rounding_us = FINE_US if max(age_us, entry.age_us) < _COARSE_FROM_US else COARSE_US
         if ahead_us > rounding_us:
             return True
@@ -223,6 +228,7 @@ class RelayCache:
             return
         self.duplicates += 1
         entry.holders.add(sender_hw)
+        # a node behind this one has relayed it; the neighbours there have the value
         if hops > entry.hops:
             entry.copied_ns = rx_ns
             return
@@ -230,6 +236,7 @@ class RelayCache:
         entry.hops = hops
         entry.age_us += (rx_ns - entry.rx_ns) // 1000
         entry.rx_ns = rx_ns
+        # an unchanged value is relayed again now and then, for nodes that have come into range since
         if rx_ns - entry.relayed_ns >= REPEAT_NS:
             entry.relayed = False
 
@@ -251,10 +258,12 @@ class RelayCache:
         groups: dict[int, list[RelayedValue]] = {}
         for _, entry in due:
             proof = entry.proof
+            # values of one beacon share its signature, so the first one of a group costs most bytes
             group = groups.get(id(proof), [])
             size = relay_bytes(entry.payload)
             if proof is not None:
                 size += _more_bytes(proof, group, entry.position) + (0 if groups else PART_HEAD_BYTES)
+            # a smaller value behind it may still fit
             if size > room:
                 continue
             if not needed(entry.origin_hw, entry.holders):
@@ -292,6 +301,7 @@ class RelayCache:
         )
 
     def _is_due(self, entry: _CachedValue, now_ns: int, common: frozenset[int]) -> bool:
+        # all neighbours receive the origin itself, or the value was relayed already
         if entry.relayed or entry.origin_hw in common or entry.hops >= HOPS_MAX:
             return False
         if self._must_prove and entry.proof is None:

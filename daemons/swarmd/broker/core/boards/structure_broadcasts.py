@@ -83,13 +83,12 @@ class StructureBroadcasts:
         if (self._is_due or is_offered) and (own := self._broadcast) is not None:
             if has_neighbours or is_offered:
                 part = StructurePart(own.epoch, own.digest, own.base, own.data)
+            # without room it stays due for the next beacon
             self._is_due = structure_bytes(part) > room
             if self._is_due:
                 part = None
         limit = min(QUESTIONS_MAX, (room - structure_bytes(part) - question_bytes(1)) // 4 + 1)
-        due = [
-            hw for hw, asked_ns in self._needs.items() if asked_ns is None or now_ns - asked_ns >= REPEAT_NS
-        ]
+        due = self._questions(now_ns)
         questions = tuple(due[: max(0, limit)])
         self._needs.update(dict.fromkeys(questions, now_ns))
         return BeaconStructures(part, questions)
@@ -99,6 +98,7 @@ class StructureBroadcasts:
         for asked in beacon.structure_questions:
             if asked == self._own_hw:
                 self._is_due = True
+            # another node has asked; the answer goes to all, so this node need not ask
             elif asked in self._needs:
                 self._needs[asked] = now_ns
         part = beacon.structure

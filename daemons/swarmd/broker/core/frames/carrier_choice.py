@@ -91,6 +91,7 @@ class CarrierChoice:
         if not rtt_ns:
             return
         base_ns, self._rtt_ns = self.base_ns, rtt_ns
+        # in datagrams the minimum is kept; their own queue would slowly become the normal round trip
         if base_ns is None or rtt_ns <= base_ns:
             self.base_ns = rtt_ns
         elif not self.by_datagram:
@@ -134,6 +135,7 @@ class CarrierChoice:
 
     def end_when_clean(self, is_used: bool, now_ns: int) -> None:
         """Returns to the connections once nothing was lost, and no frames waited (`is_used`), for a while."""
+        # far below the loss at which datagrams begin, and for long; a link at its edge must not alternate
         if self.loss > CLEAN or is_used:
             self._clean_since_ns = None
         elif self._clean_since_ns is None:

@@ -71,6 +71,7 @@ class EndToEnd:
         """
         if self._keys.is_open:
             return frame
+        # the seal of the pair authenticates its sender, so this hop needs no signature
         if via == frame.receiver_hw and frame.sender_hw == self._own_hw and frame.kind is not FrameKind.HELLO:
             return frame
         # compressed now: no node on the path may change what is signed
@@ -104,6 +105,7 @@ class EndToEnd:
         if found is None:
             self._refused.unsigned += 1
             return Incoming(refusal=f"frame of {name}: not signed")
+        # any other content could be invented by the node that signed it
         if found.signer_hw != frame.sender_hw and not _is_hop_refusal(frame):
             self._refused.spoofed += 1
             return Incoming(refusal=f"frame of {name}: signed by {self._platform_of(found.signer_hw)}")
@@ -125,6 +127,7 @@ class EndToEnd:
         if freshness is Freshness.CURRENT:
             return Incoming((arrival,))
         question = self._question(frame.sender_hw, now_ns)
+        # the frame waits for the answer; its sender would repeat it only after a time-out
         if freshness is Freshness.UNKNOWN:
             self._origins.hold(frame.sender_hw, found.session, arrival)
             return Incoming(outgoing=question)
@@ -140,10 +143,12 @@ class EndToEnd:
         answer = answer_to(check)
         if answer is not None:
             reply = self._check_frame(origin, answer, now_ns)
+            # its session is known already; otherwise this node asks in turn, before frames of it arrive
             if self._origins.is_confirmed(origin, found.session):
                 return Incoming(outgoing=(reply,))
             return Incoming(outgoing=(reply, *self._question(origin, now_ns)))
         arrivals: list[AuthenticatedFrame] = []
+        # judged again with the clock that the answer shows; a held frame may be a replay
         for held in self._origins.on_answer(origin, found.session, check, frame.stamp_ns, now_ns):
             waited = held.frame
             freshness = self._origins.judge(

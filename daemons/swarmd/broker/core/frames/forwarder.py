@@ -77,12 +77,14 @@ class FrameForwarder:
     def from_neighbour(self, frame: Frame, neighbour_hw: int | None, now_ns: int) -> ForwardDecision:
         """Decides about a frame from a link; `neighbour_hw`: the member at its other end, None without
         authentication."""
+        # only the sender itself sends a frame with all its hops
         if frame.hops_left >= HOPS and neighbour_hw is not None and frame.sender_hw != neighbour_hw:
             return _SPOOFED
         if frame.sender_hw == self._own_hw:
             return _LOOPED
         if frame.receiver_hw == self._own_hw:
             return _DELIVER if self._first(frame, now_ns) else _REPEATED
+        # fewer hops than a moment ago; it has passed here before; a retransmission has as many
         before = self._seen.get(_identity(frame))
         if before is not None and frame.hops_left < before[0] and now_ns - before[1] < LOOP_NS:
             return _LOOPED
@@ -95,12 +97,14 @@ class FrameForwarder:
     def _onward(self, frame: Frame, first: bool, now_ns: int) -> ForwardDecision:
         via = self._routing.next_hop(frame.receiver_hw)
         if not via:
+            # a route may exist that is not feasible: RFC 8966, section 3.8.2.1, asks for a newer number
             self._routing.request_route(frame.receiver_hw, now_ns)
             return ForwardDecision(ForwardStep.NO_ROUTE, first=first)
         return ForwardDecision(ForwardStep.SEND, via, first)
 
     def _first(self, frame: Frame, now_ns: int) -> bool:
         seen, identity = self._seen, _identity(frame)
+        # removed and inserted again, so that the oldest entry is the first of the dictionary
         first = seen.pop(identity, None) is None
         if len(seen) >= SEEN_MAX:
             del seen[next(iter(seen))]

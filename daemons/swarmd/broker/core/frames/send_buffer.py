@@ -62,6 +62,7 @@ class SendBuffer:
         if self._next_ns is not None and now_ns < self._next_ns:
             return None
         settled_ns = SETTLED * delay.smoothed_ns
+        # a longer path and a queue look alike; only a trial distinguishes them
         if self.queue_ns(delay) > FREE_NS:
             due_ns = now_ns + max(TRIAL_NS, settled_ns)
             self._trial = _Trial(delay.excess_ns, due_ns, self.size)

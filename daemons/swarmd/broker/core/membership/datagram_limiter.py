@@ -45,10 +45,12 @@ class DatagramLimiter:
             self._by_address.clear()
         if self._by_address and self._by_address.get(address, 0) >= FAILURES_S:
             return False
+        # a flood of others must not take the budget of neighbours that are known to be genuine
         if address in self._good:
             return True
         if self._failures >= ALL_FAILURES_S:
             return False
+        # a unit of a member has an id of its own, which the roster does not name; a few are opened
         if self.members is not None and sender_hw not in self.members:
             self._non_members += 1
             return self._non_members <= NON_MEMBERS_S
@@ -59,6 +61,7 @@ class DatagramLimiter:
         good = self._good
         if good.get(address) == self._second:
             return
+        # the address that was silent for the longest time goes
         if address not in good and len(good) >= GOOD_MAX:
             del good[min(good, key=lambda key: good[key])]
         good[address] = self._second

@@ -76,6 +76,7 @@ class Origins(Generic[T]):
     def judge(self, hw: int, session: int, stamp_ns: int, lifetime_ns: int | None, now_ns: int) -> Freshness:
         """Judge a frame of this origin, whose signature is genuine."""
         origin = self._origins.get(hw)
+        # sessions rise with each start; a higher one may be genuine, and has to prove itself
         if origin is None or session > origin.session:
             return Freshness.UNKNOWN
         if session < origin.session:
@@ -84,8 +85,10 @@ class Origins(Generic[T]):
         age_ns = FRAME_AGE_NS if lifetime_ns is None else lifetime_ns
         if stamp_ns + age_ns < clock_ns:
             return Freshness.STALE
+        # a genuine stamp ahead of the bound raises the bound
         if stamp_ns > clock_ns:
             origin.stamp_ns, origin.at_ns = stamp_ns, now_ns
+        # the bound falls behind the clock with time, by its assumed drift; it is measured again
         elif now_ns - origin.at_ns > RENEWAL_NS:
             return Freshness.UNKNOWN
         return Freshness.CURRENT
@@ -95,6 +98,7 @@ class Origins(Generic[T]):
         asked = self._questions.get(hw)
         if asked is not None and now_ns - asked.sent_ns < QUESTION_NS:
             return None
+        # a new number, because a late answer to the former question must not count
         if asked is None or now_ns - asked.first_ns > ANSWER_NS:
             self._number = self._number + 1 & 0xFFFF_FFFF
             if len(self._questions) >= ORIGINS_MAX:
@@ -115,6 +119,7 @@ class Origins(Generic[T]):
         if asked is None or own_session != self._own_session or number != asked.number:
             return []
         del self._questions[hw]
+        # the bound of the clock would be off by as much as the answer was under way
         if now_ns - asked.first_ns > ANSWER_NS:
             return []
         self._origins.pop(hw, None)

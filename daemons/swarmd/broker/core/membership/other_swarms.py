@@ -42,9 +42,11 @@ class OtherSwarms:
         """Takes a datagram that was not opened; whether it is of another swarm."""
         if session is not None:
             self._marks.pop(address, None)
+            # addresses can be invented, so the oldest one goes
             if len(self._marks) >= ADDRESSES_MAX:
                 del self._marks[next(iter(self._marks))]
             self._marks[address] = session & SESSION_MARK
+        # unknown addresses count as own ones; a forged datagram must not hide as another swarm
         mark = self._marks.get(address, self._own)
         if mark == self._own:
             return False

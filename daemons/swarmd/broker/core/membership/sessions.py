@@ -185,10 +185,12 @@ class Sessions:
         is_present = present is not None and present.session == session
         if present is not None and is_present and is_proven:
             present.received_ns = now_ns
+        # nearly every datagram ends here
         if is_present and not checks:
             return ACCEPTED
         answered = prove = soon = False
         for check in checks:
+            # checks for other nodes, or for a former session of this node, which a replay would name
             if check.hw != self._own_hw or check.digest != self._digest:
                 continue
             if check.kind == CheckKind.ANSWER:
@@ -204,10 +206,12 @@ class Sessions:
             return SessionOutcome(False, soon=True, duplicate=answered)
         if is_present:
             return SessionOutcome(True, soon=soon, prove=prove and self._may_prove(hw, now_ns))
+        # another session than the accepted one; a restart, a second computer, or a replay
         claim = self._claim(hw, session, now_ns)
         claim.received_ns = now_ns
         claim.by_network = claim.by_network or by_network
         claim.answered = claim.answered or answered
+        # as long as it is only a claim, the accepted session stays as it is
         if self._may_follow(present, claim, now_ns):
             self._adopt(hw, claim, now_ns, has_hello=answered)
             return SessionOutcome(True, adopted=True, soon=True, prove=prove and self._may_prove(hw, now_ns))
@@ -238,6 +242,7 @@ class Sessions:
         out = [SessionCheck(CheckKind.ANSWER, hw, value) for hw, value in self._answers.items()][:CHECKS_MAX]
         for check in out:
             del self._answers[check.hw]
+        # answers go first, because the other side repeats its question only after a pause
         questions = list(self._questions.values())[: CHECKS_MAX - len(out)]
         for check in questions:
             del self._questions[check.hw]
@@ -265,6 +270,7 @@ class Sessions:
     def _claim(self, hw: int, session: int, now_ns: int) -> _PendingSession:
         claim = self._claims.get((hw, session))
         if claim is None:
+            # replays of many former sessions must not take memory; the claim that is silent longest goes
             if len(self._claims) >= CLAIMS_MAX:
                 del self._claims[min(self._claims, key=lambda key: self._claims[key].received_ns)]
             claim = self._claims[hw, session] = _PendingSession(session, now_ns)
@@ -300,6 +306,7 @@ class Sessions:
         for key in [key for key in self._claims if key[0] == hw]:
             del self._claims[key]
         self._questions.pop(hw, None)
+        # without a hello the name and clock of the new session are unknown; one more question brings it
         if not has_hello:  # an answer comes with one
             self._questions[hw] = SessionCheck(CheckKind.QUESTION, hw, digest(claim.session))
 
@@ -309,6 +316,7 @@ class Sessions:
             return False
         claim.asked_ns = now_ns
         claim.count += 1
+        # a node that follows another session proves itself by its key; the first one only has to answer
         by_connection = prove and self._connections and claim.by_network
         kind = CheckKind.PROVE if by_connection else CheckKind.QUESTION
         self._questions[hw] = SessionCheck(kind, hw, digest(claim.session))

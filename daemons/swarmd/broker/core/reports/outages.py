@@ -111,6 +111,7 @@ class OutageLog:
         """A link has changed its state; `platform`, `unit`: of the neighbour."""
         outage = self._present.get(change.hw)
         if change.before is LinkState.UP:
+            # the link fell again while its queue drained; that is another outage
             if outage is not None:
                 self._finish(outage)
             outage = self._present[change.hw] = _Outage(
@@ -125,6 +126,7 @@ class OutageLog:
         if outage is None:
             return []  # the two meet for the first time
         phase = NEXT_PHASE.get((outage.phase, change.after), outage.phase)
+        # it was received for a moment only; the outage continues
         if phase is OutagePhase.LOST:
             outage.returned_ns = None
         elif outage.returned_ns is None:
@@ -161,6 +163,7 @@ class OutageLog:
 
     def _changed(self, now_ns: int) -> list[Action]:
         """Saves a change at once, or later together with others."""
+        # many links fall together where a node leaves its range; one write of the disk for all of them
         if self._saved_ns is not None and now_ns < self._saved_ns + SAVE_NS:
             self._save_ns = self._saved_ns + SAVE_NS
             return []
@@ -177,6 +180,7 @@ class OutageLog:
             outage.frames, outage.bytes = max(outage.frames, frames), max(outage.bytes, size)
             if now_ns - outage.up_ns < DRAIN_MAX_NS:
                 return []
+        # the queue may be empty between two frames; only a while without any shows that it has drained
         elif now_ns - outage.waited_ns < SETTLE_NS:
             return []
         else:

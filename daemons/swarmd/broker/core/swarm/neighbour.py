@@ -220,6 +220,7 @@ class Neighbour:
     @property
     def quality(self) -> int:
         """Share of its last datagrams that arrived, in 1/255."""
+        # computed for each neighbour in each beacon
         if self.window & _WINDOW_MASK == _WINDOW_MASK and not self.missed:
             return _FULL  # the common case
         expected = max(EXPECTED_MIN, min(WINDOW, self.expected + self.missed))
@@ -235,6 +236,7 @@ class Neighbour:
         """
         if self.first_listed < 0:
             self.first_listed = sequence
+        # its loss is measured; before, the first listings count beacons that it could not receive
         if sequence - self.first_listed >= MEASURED:
             self.arrived_out = max(self.reported, quality)
         self.reported = quality
@@ -247,6 +249,7 @@ class Neighbour:
         """
         expected = min(WINDOW, self.expected)
         lost = expected - (self.window & (1 << expected) - 1).bit_count()
+        # a few datagrams prove a lossy link, but no clean one
         if self.expected < MEASURED:
             return lost / expected if lost >= NOTICED else None
         return max(lost / expected, 1 - self.arrived_out / _FULL)
@@ -265,8 +268,10 @@ class Neighbour:
         """Consecutive losses after which the link is down, for a number of neighbours."""
         if self.hello is None:
             return 2
+        # the common case, without a logarithm
         if self.window == LONG_MASK:
             return _misses(_LOSS_MIN, neighbours)
+        # it is of no use to routes; two losses in a row are enough to give it up
         if self._long_loss() >= _BAD:
             return 2
         return _misses(self._loss_bound(), neighbours)
@@ -292,6 +297,7 @@ class Neighbour:
         periods_ns = (2 * misses + _HALVES) * period_ns // 2
         self.deadline_ns = self.received_ns + max(timeout_ns, periods_ns)
         self.asks, self.ask_due_ns = 0, FAR_NS
+        # below the link timeout nothing is gained by a question
         if periods_ns > timeout_ns and self.answer_ns and self.state is LinkState.UP:
             silence_ns = solicited.silence_ns(
                 solicited.overdue_beacons(min(self._long_loss(), _BAD), neighbours), period_ns
@@ -303,6 +309,7 @@ class Neighbour:
     def on_asked(self, now_ns: int, neighbours: int, link_timeout_ns: int) -> None:
         """A beacon that asks it is sent."""
         self.asks += 1
+        # the number of requests follows from what is missing now, and stays while it is asked
         if self.asks == 1:
             beacons = max((now_ns - self.received_ns) // self.period_ns, 1)
             loss_out = max(1.0 - self.reported / _FULL, _LOSS_MIN)

@@ -59,6 +59,7 @@ class NodeTable:
     def _learn(self, hw: int, name: str, kind: PlatformCode, tree_version: int, now_ns: int) -> bool:
         node = self._all.get(hw)
         if node is None or node.name != name:
+            # the id is a hash of the name; a row cannot give a node the name of another one
             if not is_named(hw, name) or len(self._all) >= MEMBER_LIMIT:
                 return False
             address = Address.parse(name)
@@ -103,10 +104,12 @@ class NodeTable:
         for node in self._all.values():
             if node.hw in common or (not node.announcements and now_ns - node.announced_ns < REPEAT_NS):
                 continue
+            # a name without a route is of no use to the receiver
             if not node.received_ns or not reachable(node.hw):
                 continue
             row = MemberRow(node.hw, node.tree_version, node.kind, node.name)
             room -= member_bytes(row)
+            # the rows left out stay due and are in the next beacon
             if room < 0:
                 break
             node.announced_ns = now_ns

@@ -93,6 +93,7 @@ class Topology:
         routes: list[RouteChanged] = []
         if beacon.hello is not None:
             self.neighbours.on_hello(neighbour, header, beacon.hello)
+        # rows of an overtaken beacon are older than the known ones
         fresh = neighbour.top == header.sequence
         solicitation = beacon.solicitation
         if solicitation is not None:
@@ -102,11 +103,14 @@ class Topology:
         if links:
             self._note_changes(links, rx_ns)
             for change in links:
+                # also of a neighbour that is up again by this very beacon; it has lost its feasibility
+                # distances
                 if change.before is LinkState.UP:
                     routes += routing.drop_link(header.sender_hw, rx_ns)
         if neighbour.state is LinkState.UP:
             routes += self._update_cost(neighbour, rx_ns)
             if fresh:
+                # each beacon is an implicit row of its sender, at distance 0 and with its own number
                 own = ((header.sender_hw, header.sequence & 0xFFFF, 0),)
                 rows = own + beacon.rows if rx_ns >= self._quiet_until_ns else own
                 routes += routing.on_rows(header.sender_hw, rows, rx_ns)
@@ -125,6 +129,7 @@ class Topology:
         for change in links:
             if change.before is LinkState.UP:
                 routes += self.routing.drop_link(change.hw, now_ns)
+        # overdue beacons raise the cost, so that routes turn before the link is down
         for neighbour in self.neighbours.up():
             if neighbour.missed:
                 routes += self._update_cost(neighbour, now_ns)
@@ -147,12 +152,14 @@ class Topology:
             neighbour.reported,
             neighbour.penalty + rtt_penalty(neighbour.rtt_ns),
         )
+        # the cost is a division and a power; most beacons change nothing in it
         if measured == neighbour.cost_inputs:
             return []
         neighbour.cost_inputs = measured
         cost = neighbour.cost
         self.routing.set_link(neighbour.hw, cost)
         if cost < neighbour.compared_cost + HYSTERESIS:
+            # a falling cost needs no comparison; the route over this link only becomes better
             neighbour.compared_cost = min(neighbour.compared_cost, cost)
             return []
         neighbour.compared_cost = cost

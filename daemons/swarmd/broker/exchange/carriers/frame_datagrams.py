@@ -124,6 +124,7 @@ class FrameDatagrams:
         another process encoded it."""
         if not peer.frame_port or self._sequence >= frame_datagram.SEQUENCE_MAX:
             return False
+        # a firewall may pass beacons, but not these datagrams
         if not self._paths(frame).may_send(peer.hw, self._clock.now_ns()) and peer.host:
             return False
         data = frame_datagram.pack(frame, encoded)
@@ -184,6 +185,7 @@ class FrameDatagrams:
             yield
         finally:
             held, self._held = self._held, None
+            # all are sent before the first is counted; accounting would delay the last one
             sent = [self._put(one.peer, one.datagram, one.use) for one in held]
             for one, is_sent in zip(held, sent, strict=True):
                 if one.frame is None:
@@ -234,6 +236,7 @@ class FrameDatagrams:
         if not peer.session:
             return None
         other = PairEnd(peer.hw, peer.session, peer.curve_public)
+        # the keys belong to the pair of sessions; deriving them again would reset the replay window
         if known is not None and known[1].other == other:
             seal = known[1]  # the neighbour has another address or port
         else:
@@ -243,6 +246,7 @@ class FrameDatagrams:
                 log.debug("key of %s: %s", peer.platform, error)
                 return None
         self._seals.pop(peer.hw, None)
+        # the first entry is the pair whose endpoint changed the longest time ago
         if len(self._seals) >= SEALS_MAX:
             del self._seals[next(iter(self._seals))]
         self._seals[peer.hw] = peer, seal
@@ -252,6 +256,7 @@ class FrameDatagrams:
 
     def _on_readable(self) -> None:
         now_ns = self._clock.now_ns()
+        # see BURST_NS; in a burst more datagrams wait, after a pause mostly none
         turn = TURN if now_ns - self._read_ns < BURST_NS else 1
         self._read_ns = now_ns
         for _ in range(turn):
@@ -283,6 +288,7 @@ class FrameDatagrams:
         if self._events.excludes(sender_hw):
             counters.refused.revoked += 1
             return
+        # before the cryptography, which a flood would make this node compute
         if not limiter.may_open(address, sender_hw, self._clock.now_ns()):
             counters.refused.flooded += 1
             return

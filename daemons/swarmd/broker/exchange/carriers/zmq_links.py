@@ -66,6 +66,7 @@ class _Connection:
         socket.setsockopt(zmq.CONNECT_TIMEOUT, CONNECT_TIMEOUT_MS)
         socket.setsockopt(zmq.RECONNECT_IVL, RECONNECT_MS)
         socket.setsockopt(zmq.RECONNECT_IVL_MAX, RECONNECT_MAX_MS)
+        # without it libzmq queues frames for a connection that is not open, where priorities do not reach
         socket.setsockopt(zmq.IMMEDIATE, 1)
         self._monitor = ConnectionMonitor(socket, links.loop, self._on_event)
         socket.connect(f"tcp://{peer.host}:{peer.port}")
@@ -127,6 +128,7 @@ class _Connection:
             self._owner.deny("it denied the connection")
         elif event == zmq.EVENT_HANDSHAKE_FAILED_NO_DETAIL:
             self._failures += 1
+            # libzmq gives no reason; a different server key looks like an interrupted handshake
             if self._failures >= FAILURES:
                 self._owner.deny("its key differs from the roster")
 
@@ -170,6 +172,7 @@ class _PeerConnections:
         if connection is None:
             connection = self._connections[wanted] = _Connection(self, wanted)
         deferred = self.links.deferred
+        # the common case; nothing waits, and no queue is touched
         if deferred is None and not self.queue and connection.send_at_once(data, frame):
             return []
         gone = self.queue.put(data, frame, queued.since_ns)
@@ -336,10 +339,12 @@ class ZmqLinks:
     def send(self, peer: LinkPeer, queued: QueuedFrame) -> list[QueuedFrame]:
         """Sends or queues a frame for a neighbour; returns the frames that were dropped from the queue."""
         connections = self._peers.get(peer.hw)
+        # the endpoint is the same object until something in it changes
         if connections is not None and connections.peer is peer and not connections.denied:
             return connections.put(queued)
         gone: list[QueuedFrame] = []
         if connections is not None and connections.denied:
+            # the handshake would fail again; the frame is refused to its sender at once
             if self.now_ns() < connections.denied_until_ns:
                 return [queued]
             self._peers.pop(peer.hw).close()
@@ -347,6 +352,7 @@ class ZmqLinks:
         if connections is None or connections.peer != peer:
             waiting = connections.close() if connections is not None else []
             connections = self._peers[peer.hw] = _PeerConnections(self, peer)
+            # the neighbour has another address or session; its frames follow it
             for item in waiting:
                 gone += connections.put(item)
         return gone + connections.put(queued)
@@ -438,6 +444,7 @@ class ZmqLinks:
             except zmq.ZMQError as error:  # the thread of libzmq has not released the port yet
                 log.debug("%s: %s", where, error.strerror)
                 left.append(where)
+        # the port is free after the thread of libzmq has closed its socket
         if left:
             self._rebinding = self.loop.call_later(BIND_AGAIN_S, lambda: self._bind(left))
 

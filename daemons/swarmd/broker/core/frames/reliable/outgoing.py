@@ -74,6 +74,7 @@ class OutgoingMessages:
     def put(self, queued: QueuedFrame) -> list[QueuedFrame]:
         """Queue a frame, unless it is in the queue or in flight; returns the frames dropped for it."""
         identity = _identity(queued.frame)
+        # the sender retransmits end to end while this link still repeats the first copy
         if identity in self._identities:
             return []
         self._identities.add(identity)
@@ -97,6 +98,7 @@ class OutgoingMessages:
         gone: list[QueuedFrame] = []
         for rank in ranks:
             lost = self._lost[rank]
+            # it has arrived after it had counted as lost
             while lost and not self._is_missing(lost[0]):
                 lost.popleft()
             if lost:
@@ -115,12 +117,14 @@ class OutgoingMessages:
             if waiting is None:
                 continue
             size = len(waiting.data)
+            # a frame that fits a packet of its own is not split for the rest of this one
             if size + WHOLE_BYTES > room and (room < SPLIT_MIN or size + WHOLE_BYTES <= ROOM):
                 return None, None, gone
             return self._begin(rank, room), waiting, gone
         return None, None, gone
 
     def _may_begin(self) -> bool:
+        # the receiver refuses messages further from the first incomplete one
         return self._next_number - self.floor < SPAN_MAX - 1
 
     def _begin(self, rank: Priority, room: int) -> Piece | None:
@@ -180,6 +184,7 @@ class OutgoingMessages:
     def clear(self) -> list[QueuedFrame]:
         """Removes and returns all frames that have not arrived, by priority."""
         begun = sorted(self._messages.values(), key=lambda message: message.rank)
+        # begun messages go first; they were taken from the head of their class
         frames = [message.queued for message in begun] + self._queue.clear()
         self._messages.clear()
         self._begun.clear()

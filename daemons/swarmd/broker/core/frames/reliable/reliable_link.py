@@ -136,6 +136,7 @@ class ReliableLink:
         Raises: WireError for a packet that no correct neighbour sends.
         """
         packet = decode(data)
+        # checked before anything is taken from the packet; a faulty one must change nothing
         self._check(packet.acknowledgement)
         frames = self._take_pieces(packet, now_ns, arrived_ns)
         actions: list[LinkAction] = [DeliverFrame(self.hw, frame) for frame in frames]
@@ -150,6 +151,7 @@ class ReliableLink:
     def _take_pieces(self, packet: Packet, now_ns: int, arrived_ns: int | None) -> list[bytes]:
         if not self._incoming.has_room(packet.pieces):
             return []  # it is not acknowledged, and will be repeated
+        # messages below the floor have arrived or were given up; what is kept of them is dropped
         self._incoming.on_floor(packet.floor)
         whole = [self._incoming.on_piece(piece) for piece in packet.pieces]
         self._received.on_packet(packet.number, packet.is_answered, now_ns, arrived_ns)
@@ -167,6 +169,7 @@ class ReliableLink:
             for piece in packet.pieces:
                 self._outgoing.on_arrived(piece)
         self._on_lost(settled.lost)
+        # the window was reduced for a loss that did not happen
         for _ in range(settled.late):
             rate.on_spurious()
         if settled.round_trip_ns is not None:
@@ -193,6 +196,7 @@ class ReliableLink:
     def _probe(self, now_ns: int) -> list[LinkAction]:
         """Repeats the oldest packet in flight, beyond the window."""
         oldest = self._recovery.to_probe
+        # after one lost probe several copies; at high loss a single one is probably lost, too
         copies = 1 if self._recovery.failures == 1 else PROBES
         pieces = self._outgoing.repeat(oldest.pieces if oldest is not None else (), copies)
         return [self._packet(pieces, now_ns, ping=not pieces) for _ in range(copies)]
@@ -204,11 +208,13 @@ class ReliableLink:
         self._paced_until_ns = None
         while True:
             ranks: tuple[Priority, ...] = ()
+            # commands may use a part of the window that other frames must leave free, and are not paced
             if outgoing.has(COMMANDS) and rate.has_room(reserve=True):
                 ranks = COMMANDS
             if not outgoing.has(ALL):
                 break
             if not rate.has_room(reserve=False):
+                # the window, not the application, limits the rate; only then may it grow
                 rate.on_limited()
             else:
                 wait_ns = rate.wait_ns(self._recovery.smoothed_ns, now_ns)
@@ -241,6 +247,7 @@ class ReliableLink:
 
     def _packet(self, pieces: tuple[Piece, ...], now_ns: int, ping: bool = False) -> SendPacket:
         acknowledgement = self._received.present(now_ns)
+        # pieces go first, since an acknowledgement can wait for a packet of its own
         if acknowledgement is not None and pieces:
             room = ROOM - _bytes_of(pieces)
             if acknowledgement_bytes(acknowledgement) > room:
@@ -250,6 +257,7 @@ class ReliableLink:
         if acknowledgement is not None:
             self._received.on_acknowledged()
         data = encode(packet)
+        # a bare acknowledgement is not acknowledged in turn, and is in no window
         if packet.is_answered:
             size = len(data) + OVERHEAD
             has_command = self._outgoing.has_command(pieces)
@@ -268,6 +276,7 @@ class ReliableLink:
         The numbers continue: the neighbour may have kept its end of the link.
         """
         self._recovery.clear()
+        # the next session of the link is measured again from its start
         self.rate = RateControl(now_ns)
         self._paced_until_ns = None
         return self._outgoing.clear()

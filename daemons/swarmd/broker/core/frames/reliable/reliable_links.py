@@ -110,10 +110,12 @@ class ReliableLinks:
         choice.on_quality(quality)
         if link is not None:
             link.rate.on_link_loss(choice.loss)
+            # beacons arrive while datagrams with frames do not; a firewall, not the radio
             if link.is_blocked and max(quality.loss, quality.silence) < OUTAGE:
                 choice.on_block(now_ns + BLOCKED_NS)
                 return [UseConnection(hw, link.clear(now_ns))]
         if choice.by_datagram:
+            # a link that is slower than its frames would fill the queue of a connection again
             is_full = link is not None and link.is_full
             is_used = quality.is_opening or self._kind is FrameCarrier.UDP or is_full
             choice.end_when_clean(is_used, now_ns)
@@ -187,6 +189,7 @@ class ReliableLinks:
         former, choice = known.link, known.choice
         if former is not None and former.session == session:
             return former, []
+        # begins with what the beacons have measured, in place of a slow start
         quality = known.quality or UNKNOWN
         link = ReliableLink(hw, session, quality.rtt_ns, quality.loss, now_ns, choice.base_ns)
         known.link = link

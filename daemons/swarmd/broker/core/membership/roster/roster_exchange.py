@@ -188,6 +188,7 @@ class RosterExchange:
             shown = self._shown[hw] = _Shown(platform, version)
         shown.version = version
         shown.unanswered = 0
+        # a random pause; otherwise all neighbours of a new version ask at the same instant
         if version > self.version and self._ask_ns is None:
             spread_ns = min(SPREAD_EACH_NS * len(self._shown), SPREAD_MAX_NS)
             self._ask_ns = now_ns + round(spread_ns * self._chance())
@@ -209,6 +210,8 @@ class RosterExchange:
         member = self._roster.find(platform)
         if not port or not self.is_offer_due(hw, now_ns):
             return []
+        # ids can be invented by a holder of the former key, so the table is emptied when it is larger than
+        # the swarm
         if len(self._offered_ns) > len(self._roster.members):
             self._offered_ns.clear()
             self._asked_former.clear()
@@ -257,12 +260,14 @@ class RosterExchange:
     ) -> list[RosterAction]:
         if now_ns - self._answered_ns.get(hw, NEVER_NS) < AGAIN_NS:
             return []
+        # units share the key of their platform, so there may be more askers than members
         if len(self._answered_ns) > 2 * len(self._roster.members):
             self._answered_ns.clear()
         self._answered_ns[hw] = now_ns
         return [SendRoster(hw, platform, self._update_from(question.have), host, question.port)]
 
     def _update_from(self, have: int) -> bytes:
+        # a difference is small; without its base the whole roster is sent
         base = next((roster for roster in self._before if roster.version == have), None)
         return roster_update.encode(roster_update.make_update(base, self._roster, self._keys.signed))
 
@@ -275,6 +280,7 @@ class RosterExchange:
         try:
             return self.on_text(roster_update.merge(self._roster, update), now_ns)
         except (WireError, ConfigError, Denied):
+            # a difference that does not fit proves nothing against the neighbour; ask for the whole roster
             self._whole = bool(update.base)
             if not update.base and hw in self._shown:
                 self._shown[hw].refused_ns = now_ns
@@ -291,9 +297,11 @@ class RosterExchange:
         change = self._keys.apply(text)
         if change is None:
             return []
+        # bases of the differences for neighbours that are some versions behind
         self._before = [before, *self._before][:FORMER_ROSTERS]
         self._roster = change.roster
         self._whole = False
+        # a revoked node does not get the new key
         if change.rotated and not change.revoked_self:
             self.epochs.rotate(self._keys.group, now_ns)
         self._exclude()

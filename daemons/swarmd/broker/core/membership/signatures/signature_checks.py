@@ -66,6 +66,7 @@ class SignatureChecks:
     ) -> CheckedDatagram:
         """Checks a beacon whose header names its session."""
         platform = self._platform_of(header.sender_hw)
+        # the first beacon of a node introduces itself; the table of names does not have it yet
         if beacon.hello is not None and hardware_id(beacon.hello.name) == header.sender_hw:
             platform = Address.parse(beacon.hello.name).platform
         public = self._keys.sign_public_of(platform)
@@ -93,6 +94,7 @@ class SignatureChecks:
 
     def _is_valid(self, public: bytes, hw: int, proof: ValueProof, *, remembers: bool) -> bool:
         content = proof.signed_content(hw)
+        # relayed values share the signature of their beacon, and further media bring copies of it
         if self._valid.get(proof.signature) == public + content:
             return True
         if not verify(public, proof.signature, content):

@@ -79,6 +79,7 @@ class LinkTargets:
         for neighbour in self._neighbours.all():
             if neighbour.state is not LinkState.DOWN:
                 (single if neighbour.by_unicast else by_group).add(neighbour.address)
+        # a seed that multicast reaches gets the beacon by the group
         single.update(address for address in seeds if address not in by_group)
         self._claimants = {address: end_ns for address, end_ns in self._claimants.items() if end_ns > now_ns}
         single.update(self._claimants)

@@ -89,6 +89,7 @@ class MediumTable:
     def is_copy(self, header: Header, by: ByMedium) -> bool:
         """Whether a beacon has no new content: it came over another medium before, or over a payload link,
         which makes no neighbours of its own."""
+        # a link for payload makes no neighbours; what it says of them came by the other media, too
         if by.medium.carries is Carries.PAYLOAD:
             return True
         known = self._neighbours.get(header.sender_hw)
@@ -121,6 +122,7 @@ class MediumTable:
         for listing in listings:
             neighbour.lists_media = True
             link = neighbour.media.get(listing.medium)
+            # a listing alone makes no link; the medium must have brought a beacon of the neighbour itself
             if listing.hw == self._own_hw and link is not None:
                 link.on_listed(listing.quality, now_ns)
         if not neighbour.lists_media and (link := neighbour.media.get(MAIN_MEDIUM.number)) is not None:
@@ -157,12 +159,14 @@ class MediumTable:
 
     def _choose(self, known: Neighbour, now_ns: int) -> int | None:
         up = [(number, link) for number, link in known.media.items() if link.is_up(now_ns)]
+        # in the order of preference; a medium of a lower rank is used only where no better one is up
         for wanted in (Carries.PAYLOAD, Carries.ALL, Carries.CONTROL):
             costs = {number: link.cost_out(now_ns) for number, link in up if link.medium.carries is wanted}
             if not costs:
                 continue
             best = min(costs, key=lambda number: costs[number])
             present = costs.get(known.best_medium) if known.best_medium is not None else None
+            # hysteresis; packets of one frame on two media would arrive out of order
             is_kept = present is not None and present <= costs[best] + HYSTERESIS
             return known.best_medium if is_kept else best
         return None
@@ -189,6 +193,7 @@ class MediumTable:
             self._listed_ns, self._unlisted = now_ns, len(found)
         count = min(len(found), self._unlisted, max(0, room // LISTING_BYTES))
         self._unlisted -= count
+        # round robin over the beacons, so that each link is listed before the other end gives it up
         first = self._listed_first % max(1, len(found))
         self._listed_first = first + count
         return tuple((found[first:] + found[:first])[:count])
@@ -213,6 +218,7 @@ class MediumTable:
             link = known.best_link
             return [] if link is None else [MediumAddress(link.medium, link.address)]
         up = [one for one in known.media.values() if one.is_up(now_ns)]
+        # commands go by media for payload only where nothing else is left
         fit = [one for one in up if one.medium.carries is not Carries.PAYLOAD] or up
         return [MediumAddress(one.medium, one.address) for one in fit]
 

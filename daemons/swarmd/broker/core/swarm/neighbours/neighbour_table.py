@@ -120,8 +120,10 @@ class NeighbourTable:
             self._common_ns = NEVER_NS
         elif restarted:
             self._event(neighbour, LinkEvent.RESTARTED, rx_ns, changes)
+            # after the event, which reports until when the former session worked
             neighbour.restart(rx_ns)
             self._usual_ns = None
+        # measurements from before the silence say nothing about the link that has just appeared
         if neighbour.state in (LinkState.UNKNOWN, LinkState.DOWN):
             neighbour.revive(rx_ns)
             self._event(neighbour, LinkEvent.BEACON, rx_ns, changes)
@@ -154,6 +156,7 @@ class NeighbourTable:
         """Takes its listings of received nodes; returns a clock sample where the datagram gives one."""
         forward_ns: int | None = None
         forward_tx_ns = 0
+        # headers have the low 32 bits of the clock; the hello has the upper part
         clock_us = neighbour.clock_us
         known = neighbour.hello is not None
         if known:
@@ -165,6 +168,7 @@ class NeighbourTable:
                 known = False
         hears, hears_well, hears_badly = neighbour.hears, neighbour.hears_well, neighbour.hears_badly
         for hw, sequence, hold_us, quality in echoes:
+            # a listing with quality 0 withdraws an earlier one
             if quality:
                 hears[hw] = rx_ns
             else:
@@ -177,6 +181,7 @@ class NeighbourTable:
                 hears_badly[hw] = quality
             if hw != self.own_hw:
                 continue
+            # the neighbour says that it does not receive this node any more; no need to wait for silence
             if not quality:
                 self._event(neighbour, LinkEvent.UNLISTED, rx_ns, changes)
                 neighbour.listed_ns = NEVER_NS
@@ -188,6 +193,7 @@ class NeighbourTable:
                     neighbour.listed_ns = rx_ns
                     neighbour.reported = quality
                 continue
+            # an echo of another session, or of a beacon that is too old, proves nothing about the link now
             sent_sequence, sent_ns = self._sent[sequence]
             if sent_sequence < 0 or not hold_us * 1000 - _SLACK_NS <= rx_ns - sent_ns <= ANSWER_LIMIT_NS:
                 continue
@@ -198,6 +204,7 @@ class NeighbourTable:
                 forward_ns = (clock_us - hold_us) * 1000 - sent_ns
                 forward_tx_ns = sent_ns
         reverse_us = clock_us - rx_ns // 1000
+        # the datagram with the smallest delay since the last echo gives the best clock sample
         if neighbour.echo_sequence < 0 or reverse_us > neighbour.echo_reverse_us:
             neighbour.echo_reverse_us = reverse_us
             neighbour.echo_sequence = header.sequence
@@ -206,6 +213,7 @@ class NeighbourTable:
             return None
         reverse_ns = clock_us * 1000 - rx_ns
         if forward_ns is not None:
+            # both clock differences have the same offset, so their difference is the round trip
             rtt_ns = max(forward_ns - reverse_ns, 0)
             neighbour.rtt_ns += (rtt_ns - neighbour.rtt_ns) // 8 if neighbour.rtt_ns else rtt_ns
         return ClockSample(
@@ -226,6 +234,7 @@ class NeighbourTable:
     def advance(self, now_ns: int) -> list[LinkChanged]:
         """Takes links down whose deadline has passed, and counts overdue datagrams."""
         changes = list[LinkChanged]()
+        # one answer may be pending for several neighbours; their own instants are checked below
         if now_ns >= self.again_ns:
             self.again_ns = FAR_NS  # those that are due later count in `deadline_ns`
         for neighbour in self.all():  # a copy: expired ones are removed
@@ -234,6 +243,7 @@ class NeighbourTable:
                     self._event(neighbour, LinkEvent.EXPIRED, now_ns, changes)
             elif neighbour.is_silent(now_ns):
                 self._to_ask.discard(neighbour.hw)
+                # announced in the next beacons, so that the other end does not wait for missing echoes
                 neighbour.withdrawals = WITHDRAWALS
                 self._event(neighbour, LinkEvent.SILENT, now_ns, changes)
             else:
@@ -293,11 +303,13 @@ class NeighbourTable:
         out: list[Echo] = []
         for neighbour in self._all.values():
             if neighbour.state is LinkState.DOWN:
+                # lost neighbours come first; the other end still uses the link
                 if neighbour.withdrawals and len(out) < room:
                     neighbour.withdrawals -= 1
                     out.append(Echo(neighbour.hw, 0, NO_ECHO, 0))
                 continue
             period_ns = listing_ns
+            # a link that has just changed is listed more often; each listing brings the other end up
             if now_ns - neighbour.since_ns < listing_ns:
                 period_ns //= FIRST_LISTINGS
             elif abs(neighbour.quality - neighbour.echoed_quality) >= QUALITY_STEP:
@@ -306,15 +318,18 @@ class NeighbourTable:
                 due.append(neighbour)
             elif longest is None or neighbour.echoed_ns < longest.echoed_ns:
                 longest = neighbour
+        # between listings single echoes follow, because clocks need samples in both directions
         if not due and longest is not None and now_ns - self._echoed_ns >= ECHO_GAP_NS:
             due.append(longest)
         if len(out) + len(due) > room:
+            # the longest waiting neighbours first, so that none is starved in a dense cell
             due.sort(key=lambda neighbour: neighbour.echoed_ns)
             del due[room - len(out) :]
         for neighbour in due:
             self._echoed_ns = neighbour.echoed_ns = now_ns
             neighbour.echoed_quality = neighbour.quality
             hold_us = (now_ns - neighbour.echo_rx_ns) // 1000
+            # nothing new to answer; the echo only lists the neighbour as received
             if neighbour.echo_sequence < 0 or not 0 <= hold_us < NO_ECHO:
                 out.append(Echo(neighbour.hw, 0, NO_ECHO, max(neighbour.quality, 1)))
                 continue
@@ -324,6 +339,7 @@ class NeighbourTable:
 
     def common(self, now_ns: int, refresh_ns: int = 1_000_000_000) -> frozenset[int]:
         """Nodes that every neighbour receives directly or is itself: their values need no relay."""
+        # quadratic in the neighbours, so computed once a second, and when a link goes up or down
         if now_ns - self._common_ns >= refresh_ns:
             self._common_ns = now_ns
             received_by: dict[int, set[int]] = {}
@@ -361,6 +377,7 @@ class NeighbourTable:
         return found
 
     def _count(self, neighbour: Neighbour, header: Header) -> None:
+        # overtaken on the way; it was counted as lost when the later one arrived
         ahead = header.sequence - neighbour.top
         if ahead <= 0:
             neighbour.late += 1

@@ -114,6 +114,7 @@ class DestinationRoutes:
     def put(self, via: int, sequence: int, metric: int, now_ns: int) -> None:
         """Stores the row of a neighbour."""
         before = self.advertised.get(via)
+        # a row that repeats its number says only that the neighbour lives, not that the destination does
         fresh_ns = now_ns if before is None or before[0] != sequence else before[2]
         self.advertised[via] = (sequence, metric, fresh_ns)
 
@@ -147,6 +148,7 @@ class DestinationRoutes:
         elif not self.turned and self.limit_sequence >= 0 and newer(sequence, self.limit_sequence):
             sequence = self.limit_sequence
         self.turned = False
+        # the distance only falls, unless the number rises: RFC 8966, section 3.7.3
         if self.feasible(sequence, metric):
             self.limit_sequence, self.limit_metric = sequence, metric
         self.advertised_sequence, self.advertised_metric = self.sequence, metric

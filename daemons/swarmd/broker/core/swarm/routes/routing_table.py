@@ -158,18 +158,24 @@ class RoutingTable:
             destination = destinations.get(hw)
             if destination is None:
                 if hw == self.own_hw:
+                    # a neighbour that still has a row for this node holds its number; the own number must
+                    # pass it
                     if metric != INFINITY:
                         self.requested_sequence = sequence
                     continue
                 if metric == INFINITY or not hw or len(destinations) >= DESTINATION_LIMIT:
                     continue  # 0 stands for no node: `via` 0 means that there is no route
                 destination = destinations[hw] = DestinationRoutes(hw, now_ns)
+            # an infinite metric is a retraction; the neighbour has lost its route
             total = metric + cost
             if total >= INFINITY:
                 if destination.advertised.pop(via, None) is not None and destination.via == via:
                     self._select(destination, now_ns, changes)
                 continue
+            # RFC 8966, section 3.5.1: a row that is not feasible may describe a path over this node
             if not destination.feasible(sequence, metric):
+                # kept for the case that a newer number makes it feasible, and asked for one if it is much
+                # better
                 if via != destination.via:
                     destination.put(via, sequence, metric, now_ns)
                     self._seek(destination, via, total, now_ns)
@@ -183,6 +189,7 @@ class RoutingTable:
             if via == destination.via:
                 destination.sequence = sequence
                 self._set_metric(destination, total, now_ns, changes)
+            # hysteresis; metrics that scatter with the loss must not turn a route back and forth
             elif destination.via == 0 or total + HYSTERESIS < destination.metric:
                 self._use(destination, via, sequence, total, now_ns, changes)
         return changes
@@ -203,6 +210,7 @@ class RoutingTable:
             destination.requested_until_ns = now_ns + REQUESTED_NS
             destination.requested_sequence = sequence
             destination.requested = True
+            # the own row answers the request if its number is as new; it is in the next beacon
             answered = destination.via != 0 and not newer(sequence, destination.sequence)
             if answered or hops_left <= 1 or now_ns - destination.forwarded_ns < FORWARD_AGAIN_NS:
                 continue
@@ -243,6 +251,7 @@ class RoutingTable:
 
     def advance(self, now_ns: int) -> list[RouteChanged]:
         """Requests better routes where metrics rose, and removes expired ones; call at each beacon."""
+        # a little later than the rise of the metric; first the rows of the other neighbours arrive
         for hw in [hw for hw, due_ns in self._seeking.items() if due_ns <= now_ns]:
             del self._seeking[hw]
             destination = self._destinations[hw]  # forgotten much later than this
@@ -250,6 +259,7 @@ class RoutingTable:
             if best:
                 self._seek(destination, best, total, now_ns)
         changes: list[RouteChanged] = []
+        # a sweep of all rows is too dear for each beacon
         if now_ns < self._sweep_ns:
             return changes
         self._sweep_ns = now_ns + _SWEEP_NS
@@ -258,9 +268,13 @@ class RoutingTable:
         for destination in self._destinations.values():
             advertised = destination.advertised
             for via, row in advertised.items():
+                # one stale row is enough to sweep the destination; the row of a direct link ends with its
+                # link
                 if row[2] < oldest_ns and via != destination.hw:
                     self._expire(destination, oldest_ns, now_ns, changes)
                     break
+            # the feasibility distance must outlive all rows that others may still hold (RFC 8966, section
+            # 3.7.3)
             if advertised:
                 destination.known_ns = now_ns
             elif now_ns - destination.known_ns > SOURCE_GC_NS:
@@ -280,6 +294,8 @@ class RoutingTable:
         """
         due: list[DestinationRoutes] = []
         for destination in self._destinations.values():
+            # a row that was left out, because all neighbours had direct links, is due once a neighbour has
+            # none
             if destination.is_due(now_ns) or (destination.linked and destination.hw not in linked):
                 if destination.via or destination.retractions:
                     due.append(destination)
@@ -289,11 +305,14 @@ class RoutingTable:
                 elif not newer(destination.requested_sequence, destination.sequence):
                     destination.requested = False
                     due.append(destination)
+        # retractions go first; routes to a lost node attract frames that are dropped then
         if len(due) > room:
             due.sort(key=_urgency)
             del due[room:]
+        # with many destinations the rows are repeated less often, so that beacons keep room for values
         stretch = min(max(1.0, len(self._destinations) / STRETCH_FROM), STRETCH_MAX)
         longest_ns = round(REFRESH_MAX_NS * stretch)
+        # a row is held for three of its periods; two beacons in a row may be lost
         self._hold_ns = max(HOLD_NS, 3 * longest_ns)
         rows: list[RouteRow] = []
         for destination in due:
@@ -316,6 +335,7 @@ class RoutingTable:
         """Sequence requests for the next beacon: own and forwarded ones."""
         out: list[SequenceRequest] = []
         for hw, sequence, hops_left in self._forward:
+            # set again at each hop; it says whether this node has a route, whatever the first sender had
             lost = LOST if not self._destinations[hw].via else 0
             out.append(SequenceRequest(hw, sequence, hops_left | lost))
         self._forward.clear()
@@ -355,6 +375,7 @@ class RoutingTable:
     ) -> None:
         """Sets the metric of the present route; where it rose, others are compared."""
         before, destination.metric = destination.metric, total
+        # a small rise is advertised with the next row, and turns no route
         if total <= before + HYSTERESIS:
             return
         self._select(destination, now_ns, changes)
@@ -364,6 +385,7 @@ class RoutingTable:
 
     def _seek(self, destination: DestinationRoutes, via: int, total: int, now_ns: int) -> None:
         """Requests a newer row of a neighbour whose route is much better, but not feasible."""
+        # the same neighbour is given time to answer; another one may be asked sooner
         again_ns = SEEK_AGAIN_NS if via == destination.sought_via else SEEK_OTHER_NS
         if (
             destination.via
@@ -382,6 +404,7 @@ class RoutingTable:
         best, best_total, best_sequence = 0, INFINITY, 0
         for via, (sequence, metric, _) in destination.advertised.items():
             total = metric + costs[via]
+            # the present route is preferred, as in `on_rows`
             if via == destination.via:
                 total = max(total - HYSTERESIS, 1)
             # the present route stays loop-free also where its newest row is not feasible any more
@@ -393,6 +416,8 @@ class RoutingTable:
             total = destination.advertised[best][1] + costs[best]
             self._use(destination, best, best_sequence, total, now_ns, changes)
         elif destination.via:
+            # no feasible route; retracted at once and several times, because a loss would leave others with a
+            # loop-free but dead route
             destination.via = 0
             destination.metric = destination.advertised_metric = INFINITY
             destination.retractions = RETRACTIONS
