@@ -22,12 +22,8 @@ import msgspec
 import swarmware.types
 from swarmctl.commandline.arguments import meaning
 from swarmctl.main import cli
-from swarmctl.membership.hosts import hosts_schema
-from swarmctl.terminal import documents
 from swarmd.tree.core.structure import structure
 from swarmlab.report import report
-from swarmware.mission.manifest import manifest_schema
-from swarmware.mission.schema import mission_schema
 from swarmware.model import resource, template
 from swarmware.model.acl import AclConfig
 from swarmware.service.channels import ChannelsConfig
@@ -36,8 +32,10 @@ from swarmware.transport.appfile import entry
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
+import command_schemas  # noqa: E402 - beside this file, which tests load by its path
 import mission_pages  # noqa: E402 - beside this file, which tests load by its path
 import reference_pages  # noqa: E402 - beside this file, which tests load by its path
+from file_schemas import hosts_schema, manifest_schema, mission_schema  # noqa: E402 - as above
 from struct_tables import cell, field_docs, struct_section  # noqa: E402 - as above
 
 README = HERE.parent.parent / "README.md"
@@ -342,7 +340,7 @@ PAGES: dict[Path, Callable[[], str]] = {
 
 def schemas_of_commands() -> Iterator[tuple[Path, str]]:
     """The JSON Schemas of the documents of the commands."""
-    for name, schema in documents.schemas():
+    for name, schema in command_schemas.schemas():
         yield SCHEMAS / name, msgspec.json.format(msgspec.json.encode(schema), indent=1).decode() + "\n"
 
 

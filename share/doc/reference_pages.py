@@ -6,11 +6,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
+import command_schemas
 import msgspec
 from struct_tables import cell, field_docs
 
 from swarmctl.membership.hosts import FleetFile, HostDefaults, HostEntry
-from swarmctl.terminal import documents
 from swarmd.control.core.modes import DECISIONS, TRANSITIONS, Source
 from swarmware import errors
 from swarmware.model import resource, template
@@ -147,14 +147,14 @@ SHARED_DOCUMENTS = {"message": "lines on stderr", "nodes": "a command at several
 def schemas() -> str:
     """The documents of the commands, and their schemas."""
     out = ["\n", head("command", "schema", "content")]
-    for command in documents.DOCUMENTS:
-        module, _, name = documents.DOCUMENTS[command].partition(":")
+    for command in command_schemas.DOCUMENTS:
+        module, _, name = command_schemas.DOCUMENTS[command].partition(":")
         cls = getattr(__import__(module, fromlist=[name]), name)
         file = f"{command.lower().replace(' ', '-')}.schema.json"
         called = SHARED_DOCUMENTS.get(command) or f"`swarmctl {command}`"
         link = f"[`{file}`](../../swarm/schemas/swarmctl/{file})"
         out.append(row(called, link, inspect.getdoc(cls) or ""))
-    plain = ", ".join(f"`swarmctl {command}`" for command in sorted(documents.NO_DOCUMENT))
+    plain = ", ".join(f"`swarmctl {command}`" for command in sorted(command_schemas.NO_DOCUMENT))
     out.append(f"\nText or a file in every format: {plain}.\n")
     return "".join(out)
 

@@ -21,7 +21,9 @@ OWN: Final = {
     "swarmctl",
     "swarmlab",
     "tests",
+    "command_schemas",
     "fanout",
+    "file_schemas",
     "lab",
     "links",
     "rows",
@@ -31,7 +33,7 @@ OWN: Final = {
     "struct_tables",
 }
 """`fanout`, `lab`, `links` and `rows` are modules of the benchmarks, `my_name` is the one of each scaffold;
-`mission_pages` and the last two belong to the generator of the documents."""
+the two schemas, `mission_pages` and the last two belong to the generator of the documents."""
 IMPORTED_AS: Final = {
     "python-can": {"can"},
     "eclipse-zenoh": {"zenoh"},

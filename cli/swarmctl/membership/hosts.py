@@ -214,16 +214,6 @@ def digest_of(sums: dict[str, str]) -> str:
     return hashlib.sha256(msgspec.json.encode(sorted(sums.items()))).hexdigest()
 
 
-def hosts_schema() -> str:
-    """The JSON Schema of files of hosts as text (draft 2020-12), for editors and other programs."""
-    schema = {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "Swarmware fleet (HOSTS.toml)",
-        "description": "Generated from the code that reads it; the whole check: `swarmctl fleet ls`.",
-    } | msgspec.json.schema(FleetFile)
-    return msgspec.json.format(msgspec.json.encode(schema), indent=1).decode() + "\n"
-
-
 def host_names(file: str, begun: str) -> list[str]:
     """Names of hosts in this file that begin with `begun`; none if the file cannot be read."""
     try:

@@ -100,16 +100,6 @@ def _contradictions(manifest: Manifest) -> Iterator[tuple[KeyPath, str]]:
                 )
 
 
-def manifest_schema() -> str:
-    """The JSON Schema of manifests as text (draft 2020-12), for editors and other programs."""
-    schema = {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "Swarmware mission of several roles (mission.toml)",
-        "description": "Generated from the code that reads it; the whole check: `swarmctl mission check`.",
-    } | msgspec.json.schema(Manifest)
-    return msgspec.json.format(msgspec.json.encode(schema), indent=1).decode() + "\n"
-
-
 def parameter_places(manifest: Manifest) -> Iterator[tuple[str, KeyPath]]:
     """Name and path of each parameter that the manifest gives."""
     for name in manifest.params:

@@ -15,6 +15,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+import command_schemas
 import jsonschema
 import pytest
 from tests.integration.cli.terminal import Terminal
@@ -22,7 +23,6 @@ from tests.patience import PATIENCE_S
 
 from swarmctl import main as swarmctl
 from swarmctl.session import processes
-from swarmctl.terminal import documents
 
 NODES = ("gcs", "uav1", "uav2", "ugv1")
 ANSWER_S: Final = 20.0
@@ -238,7 +238,7 @@ def _validate(words: list[str], out: str) -> None:
     if "--json" not in words or not out:
         return
     commands = [*(" ".join(pair) for pair in pairwise(words)), *words]
-    command = next((one for one in commands if one in documents.DOCUMENTS), None)
+    command = next((one for one in commands if one in command_schemas.DOCUMENTS), None)
     assert command, f"{words}: no schema"
     found = json.loads(out) if out.startswith("{\n") else None
     if command == "tree get" and found and "values" in found:
@@ -246,11 +246,11 @@ def _validate(words: list[str], out: str) -> None:
     if command == "mission start" and found is None:
         command = "mission watch"
     if found and "result" in (found.get("nodes") or [{}])[0]:
-        jsonschema.validate(found, documents.schema("nodes"))
+        jsonschema.validate(found, command_schemas.schema("nodes"))
         for node in found["nodes"]:
             if node["result"] is not None:
                 whole = {"schema_version": found["schema_version"], **node["result"]}
-                jsonschema.validate(whole, documents.schema(command))
+                jsonschema.validate(whole, command_schemas.schema(command))
         return
     for one in [found] if found else [json.loads(line) for line in out.splitlines()]:
-        jsonschema.validate(one, documents.schema(command))
+        jsonschema.validate(one, command_schemas.schema(command))

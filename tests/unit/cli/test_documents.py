@@ -5,19 +5,19 @@ import re
 from collections.abc import Iterator
 
 import click
+import command_schemas
 import jsonschema
 import pytest
 
 from swarmctl.main import cli
 from swarmctl.main import main as swarmctl
-from swarmctl.terminal import documents
 from swarmware.model.config import share_dir
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.json_form import json_form, json_schema
 from swarmware.types.system import NodeInfo
 
 SHIPPED = share_dir() / "schemas" / "swarmctl"
-SCHEMAS = dict(documents.schemas())
+SCHEMAS = dict(command_schemas.schemas())
 
 
 def leaves(group: click.Group, ctx: click.Context, words: tuple[str, ...] = ()) -> Iterator[str]:
@@ -30,8 +30,8 @@ def leaves(group: click.Group, ctx: click.Context, words: tuple[str, ...] = ()) 
 
 
 def test_every_command_has_schema_or_prints_no_document() -> None:
-    known = {re.sub(" [A-Z]+$", "", command) for command in documents.DOCUMENTS} - {"message", "nodes"}
-    assert set(leaves(cli, click.Context(cli))) == known | documents.NO_DOCUMENT
+    known = {re.sub(" [A-Z]+$", "", command) for command in command_schemas.DOCUMENTS} - {"message", "nodes"}
+    assert set(leaves(cli, click.Context(cli))) == known | command_schemas.NO_DOCUMENT
 
 
 @pytest.mark.parametrize("name", SCHEMAS)

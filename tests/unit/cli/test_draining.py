@@ -4,6 +4,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import click
+import command_schemas
 import jsonschema
 import msgspec
 import pytest
@@ -14,7 +15,6 @@ from swarmctl.commands.node import draining
 from swarmctl.commands.node.identity import show_node
 from swarmctl.main import main as swarmctl
 from swarmctl.resources.last_words import last_words
-from swarmctl.terminal import documents
 from swarmctl.vehicles.observer import VehicleResult
 from swarmware.errors import NoAnswer, NotFound
 from swarmware.model.platform_kind import PlatformKind
@@ -86,7 +86,7 @@ async def test_idle_node_is_drained_at_once_and_undrained() -> None:
         session = Vehicle(IDLE, output=output)
         await draining.drain(session, 1.0, now=False, yes=False)
         if output == "json":
-            jsonschema.validate(session.document, documents.schema("node drain"))
+            jsonschema.validate(session.document, command_schemas.schema("node drain"))
             assert session.document["drained_by"] == "ann@gcs"
         else:
             assert session.stdout.getvalue().splitlines()[1].split() == [
@@ -172,7 +172,7 @@ async def test_unanswering_node_is_shown_with_last_state(route: bool, kept: bool
     session = Silent(route=route, kept=kept, output="json")
     with pytest.raises(NoAnswer) as caught:
         await show_node(session)
-    jsonschema.validate(session.document, documents.schema("node info"))
+    jsonschema.validate(session.document, command_schemas.schema("node info"))
     found = session.document
     assert (found["platform"], found["answers"], found["services"]) == ("uav1", False, None)
     assert found["reason"] == str(caught.value) != ""

@@ -12,13 +12,13 @@ from typing import Any
 import msgspec
 import pytest
 import yaml
+from command_schemas import DOCUMENTS
 
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.log.entries import show
 from swarmctl.main import main as swarmctl
 from swarmctl.resources.fields import block, shown_fields
 from swarmctl.resources.values import brief
-from swarmctl.terminal.documents import DOCUMENTS
 from swarmctl.terminal.node_output import NodeOutput, print_results
 from swarmctl.terminal.output import Output
 from swarmctl.terminal.table import Column

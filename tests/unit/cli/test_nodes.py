@@ -13,12 +13,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import click
+import command_schemas
 import jsonschema
 import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.patience import PATIENCE_S
+from tests.unit.cli.fake_client import FakeClient
 from tests.unit.cli.session import ScriptedSession
 
 from swarmctl.commandline import completion, completion_cache
@@ -30,12 +32,10 @@ from swarmctl.main import main as swarmctl
 from swarmctl.session import each_node, labs, processes, session
 from swarmctl.session.each_node import at_each
 from swarmctl.session.session import Session
-from swarmctl.terminal import documents
 from swarmctl.terminal.table import Column
 from swarmware.errors import Denied, InvalidInput, NoAnswer, NotFound, Partial, SwarmError
 from swarmware.model import names
 from swarmware.model.platform_kind import PlatformKind
-from swarmware.testing.client import FakeClient
 from swarmware.types.tree import TreeListing
 
 KNOWN = ("gcs", "uav1", "uav2", "uav10", "ugv1")
@@ -358,7 +358,7 @@ async def test_results_of_several_nodes_are_one_document() -> None:
     fleet = Fleet(node="uav1,uav2", output="json")
     with pytest.raises(Partial):
         await at_each(fleet, measuring({"uav2": NoAnswer("no route")}))
-    jsonschema.validate(fleet.document, documents.schema("nodes"))
+    jsonschema.validate(fleet.document, command_schemas.schema("nodes"))
     assert fleet.document["nodes"] == [
         {"platform": "uav1", "result": {"depth_m": 1.5}, "error": "", "exit_code": 0},
         {"platform": "uav2", "result": None, "error": "no route", "exit_code": 4},

@@ -3,18 +3,18 @@
 from typing import Any
 
 import click
+import command_schemas
 import jsonschema
 import msgspec
 import pytest
+from tests.unit.cli.fake_client import FakeClient
 from tests.unit.cli.session import GET, ScriptedSession
 
 from swarmctl.commandline import completion, completion_cache
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.app import stopping
 from swarmctl.commands.app.listing import list_applications
-from swarmctl.terminal import documents
 from swarmware.errors import Denied, NoAnswer, NotFound
-from swarmware.testing.client import FakeClient
 from swarmware.types import registry
 from swarmware.types.health import GuardStatus, ServiceState, SupervisorKind, WatchedService
 from swarmware.types.register import Application, ApplicationTable, KnownUnit, Register
@@ -76,7 +76,7 @@ async def test_services_are_stopped_started_and_shown() -> None:
     assert session.stdout.getvalue().splitlines()[1].split() == ["logger", "stopped", "by", "ann@gcs", "7"]
     shown = Guarded(output="json")
     await stopping.start(shown, ("logger", "navigator"), 5.0)
-    jsonschema.validate(shown.document, documents.schema("app start"))
+    jsonschema.validate(shown.document, command_schemas.schema("app start"))
     assert [one["state"] for one in shown.document["services"]] == ["running", "running"]
     assert session.asked[-1] == "stop logger"
     assert shown.asked == ["start logger", "start navigator"]

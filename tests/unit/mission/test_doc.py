@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from file_schemas import mission_schema
 
 from swarmware.mission.binding import Binding
 from swarmware.mission.catalogue import BLOCKS, BlockType
@@ -14,7 +15,6 @@ from swarmware.mission.check import check_text
 from swarmware.mission.condition_parser import parse
 from swarmware.mission.file_keys import BLOCK_KEYS
 from swarmware.mission.plausible import CEILING_M, DEPTH_M, NEAR_RATIO, REACH_M
-from swarmware.mission.schema import mission_schema
 
 ROOT = Path(__file__).parents[3]
 TEXT = (ROOT / "share/doc/missions.md").read_text()

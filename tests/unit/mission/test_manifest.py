@@ -7,6 +7,7 @@ from typing import Any
 import jsonschema
 import pytest
 import tomli_w
+from file_schemas import manifest_schema
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -15,7 +16,7 @@ from swarmware.mission.budget import QUICK_BYTES, Budget
 from swarmware.mission.check import check_files, check_folder
 from swarmware.mission.finding import Finding, sound
 from swarmware.mission.folder import from_files, read_folder
-from swarmware.mission.manifest import manifest_schema, read_manifest
+from swarmware.mission.manifest import read_manifest
 from swarmware.model.config import share_dir
 from swarmware.types.mission import MissionFile
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import jsonschema
 import pytest
+from file_schemas import mission_schema
 
 from swarmware.errors import ConfigError
 from swarmware.mission.binding import Binding
@@ -18,7 +19,6 @@ from swarmware.mission.check import check_folder, check_text
 from swarmware.mission.finding import sound
 from swarmware.mission.folder import from_files
 from swarmware.mission.manifest import MANIFEST
-from swarmware.mission.schema import mission_schema
 from swarmware.model.config import share_dir
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionFile

@@ -6,6 +6,7 @@ from typing import Any
 
 import jsonschema
 import pytest
+from file_schemas import mission_schema
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.simulation.seeds import examples
@@ -13,7 +14,6 @@ from tests.simulation.seeds import examples
 from swarmware.mission import catalogue
 from swarmware.mission.binding import Binding
 from swarmware.mission.loader import read
-from swarmware.mission.schema import mission_schema
 from swarmware.model.config import share_dir
 
 SHIPPED = share_dir() / "schemas" / "mission.schema.json"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import jsonschema
 import pytest
+from file_schemas import hosts_schema
 from tests.unit.cli.fleet.hosts import HOST, read
 
 from swarmctl.commands.fleet.ssh import command_line
@@ -101,7 +102,7 @@ def test_hosts_are_selected_by_name_and_pattern() -> None:
 
 
 def test_the_schema_accepts_what_the_reader_accepts() -> None:
-    schema = json.loads(hosts.hosts_schema())
+    schema = json.loads(hosts_schema())
     jsonschema.validate(tomllib.loads(TWO), schema)
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate({"hosts": [{"name": "uav1", "address": "a", "prot": 1}]}, schema)

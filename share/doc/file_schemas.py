@@ -1,12 +1,14 @@
-"""The JSON Schema of mission files, generated from the block catalogue: for editors and other tools."""
+"""The JSON Schemas of files that people write, for editors and other tools: missions, fleets."""
 
 from itertools import combinations
 from typing import Any, Final
 
 import msgspec
 
+from swarmctl.membership.hosts import FleetFile
 from swarmware.mission.block_reader import TIMEOUT_LIMIT_S, TIMEOUT_MIN_MS
 from swarmware.mission.catalogue import BlockName, BlockType, Catalogue, Wait, built_in
+from swarmware.mission.manifest import Manifest
 from swarmware.mission.model import LINK_LOSS, ON_FAILURE
 from swarmware.mission.outcome import OutcomeKind
 
@@ -192,3 +194,22 @@ def _lenient(schema: dict[str, Any]) -> dict[str, Any]:
     if schema.get("type") == "string":
         return schema
     return {"anyOf": [schema, _REFERENCE]}
+
+
+def manifest_schema() -> str:
+    """The schema of missions of several roles as JSON text."""
+    return _struct_schema(Manifest, "mission of several roles (mission.toml)", "mission check")
+
+
+def hosts_schema() -> str:
+    """The schema of files of hosts as JSON text."""
+    return _struct_schema(FleetFile, "fleet (HOSTS.toml)", "fleet ls")
+
+
+def _struct_schema(cls: type[msgspec.Struct], what: str, command: str) -> str:
+    schema = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"Swarmware {what}",
+        "description": f"Generated from the code that reads it; the whole check: `swarmctl {command}`.",
+    } | msgspec.json.schema(cls)
+    return msgspec.json.format(msgspec.json.encode(schema), indent=1).decode() + "\n"

@@ -131,7 +131,7 @@ DOCUMENTS: Final = {
     "file ls": "swarmware.types.file:FileListing",
     "docs": "swarmctl.commands.docs.site:DocumentationPage",
     "nodes": "swarmctl.terminal.node_output:NodeResults",
-    "message": "swarmctl.terminal.documents:Message",
+    "message": "command_schemas:Message",
 }
 """`module:type` by command, and of the lines on stderr; imported only where a schema is made."""
 
