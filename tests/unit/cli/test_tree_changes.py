@@ -173,3 +173,18 @@ async def test_undo_at_pattern_skips_nodes_without_setting(
         with pytest.raises(error):
             await at_each(session, undo_resource, "config/gain", yes=True)
     assert session.stdout.getvalue().count("config/gain = 1.5") == undone
+
+
+async def test_joint_change_looks_resource_up_once() -> None:
+    listed: list[str] = []
+
+    class Asking(Swarm):
+        async def ask(self, path: str, value: Any, reply: type[Any], **rest: Any) -> Any:
+            if reply is TreeListing:
+                listed.append(value.pattern)
+            return await super().ask(path, value, reply, **rest)
+
+    both = {"uav1", "uav2"}
+    session = Asking(both, both, "uav*")
+    await at_each(session, undo_resource, "config/gain", yes=False)  # no effect to confirm in the template
+    assert sorted(listed) == ["/uav1/config/gain", "/uav2/config/gain"]
