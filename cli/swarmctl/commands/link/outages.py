@@ -8,8 +8,13 @@ from swarmware.types.rpc import Empty
 
 
 async def list_outages(session: Session, count: int | None) -> None:
-    """Prints the newest outages; `count` None: all that the node keeps."""
+    """Prints the newest outages: at most `count`, or all that the node keeps if it is None.
+
+    Units: the four times of an outage in s: to detect it, down, to recover, to drain the backlog.
+    Raises: NotFound, NoAnswer without an answer of the broker.
+    """
     found = await session.ask("sys/broker/outages", Empty(), OutageTable)
+    # before the output, so that a program gets as many as a person
     if count is not None:
         found = OutageTable(found.outages[:count])
     if session.settings.structured:
@@ -31,4 +36,5 @@ async def list_outages(session: Session, count: int | None) -> None:
 
 
 def _seconds(span_s: float | None) -> str | None:
+    """A time of an outage as text, or None if it is not over yet."""
     return None if span_s is None else f"{span_s:.2f}"

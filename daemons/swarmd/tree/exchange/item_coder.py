@@ -43,7 +43,7 @@ class ItemCoder:
         """Why the values of a resource cannot be coded."""
 
     def states(self) -> tuple[CompressionState, ...]:
-        """What was compressed, by path."""
+        """State of the compression of each path."""
         return tuple(
             CompressionState(
                 path,

@@ -65,7 +65,7 @@ class Subscriber:
         self._behind: set[str] = set()
         """Boards of which nothing was sent since it is reachable again: the newest value goes first."""
         self._histories: list[BoardHistory] = []
-        """Those of its boards whose channels have a buffer."""
+        """Former values of its boards whose channels have a buffer."""
         self._turn: dict[LaneNumber, str] = {}
         """Path of the feed that was served last in each lane, for round-robin order."""
 

@@ -26,7 +26,7 @@ def typed(
 ) -> msgspec.Struct:
     """The value of the resource's type; `cls`: its class, if it is not a common one.
 
-    Raises: TypeMismatch with what was expected, OutOfRange with the range.
+    Raises: TypeMismatch with the expected type, OutOfRange with the range.
     """
     value = value_of(cls or registry.find(resource.type), plain, path, resource.type)
     check_limits(resource, value, path)
