@@ -37,6 +37,13 @@ def nodes(path: Path) -> tuple[ast.AST, ...]:
 
 
 @cache
+def trees(*roots: str) -> dict[str, ast.Module]:
+    """Syntax trees of the modules below these folders, by path; of lib, daemons and cli without any."""
+    paths = (path for root in roots or ROOTS for path in sorted((ROOT / root).rglob("*.py")))
+    return {str(path.relative_to(ROOT)): parsed(path) for path in paths}
+
+
+@cache
 def files() -> dict[str, Path]:
     """The file of each module, and of each package its `__init__.py`."""
     found = {}

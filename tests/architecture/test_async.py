@@ -2,11 +2,9 @@
 
 import ast
 from collections.abc import Iterator
-from pathlib import Path
 
-from tests.architecture.sources import parsed, walked
+from tests.architecture.sources import trees, walked
 
-ROOT = Path(__file__).parents[2]
 WAITING = {
     "Service": {"run", "stop"},  # a service may wait as it stops, ours or a user's
     "Device": {"open", "close"},  # a device may be slow
@@ -66,16 +64,9 @@ def bases_of(trees: list[ast.Module]) -> dict[str, set[str]]:
 
 
 def test_what_never_waits_is_not_async() -> None:
-    files = [
-        p for folder in ("lib", "daemons", "cli", "share") for p in sorted((ROOT / folder).rglob("*.py"))
-    ]
-    trees = {path: parsed(path) for path in files}
-    bases = bases_of(list(trees.values()))
-    found = [
-        f"{path.relative_to(ROOT)}:{line} {name}"
-        for path, tree in trees.items()
-        for line, name in idle(tree, bases)
-    ]
+    sources = trees("lib", "daemons", "cli", "share")
+    bases = bases_of(list(sources.values()))
+    found = [f"{path}:{line} {name}" for path, tree in sources.items() for line, name in idle(tree, bases)]
     assert not found, "no await, async for, async with or yield in:\n" + "\n".join(found)
 
 

@@ -4,38 +4,25 @@ import ast
 import re
 from collections import Counter
 from collections.abc import Iterator
-from pathlib import Path
 
-from tests.architecture.sources import parsed, walked
+from tests.architecture.sources import ROOT, parsed, trees, walked
 
-ROOT = Path(__file__).parents[2]
-FOLDERS = ("lib", "daemons", "cli")
 PAGES = (*(ROOT / "share").glob("doc/*.md"), ROOT / "README.md", ROOT / "pyproject.toml")
 EXAMPLES = [*(ROOT / "share").rglob("*.py")]
 OVERRIDES = {
     "Driver": "what packages of version 0.1 call a Sensor",
-    "NO_DOCUMENT": "commands without a schema: a test holds that all others have one",
-    "SSLContext": "read by asyncio",
     "command_class": "read by click",
     **dict.fromkeys(("connection_made", "connection_lost", "data_received"), "called by asyncio"),
     "format_commands": "called by click",
     "format_options": "called by click",
     "_missing_": "called by enum",
     "next_view": "large frames are read in place: `make bench` measures it",
-    "peers": "says which processes a transport still has a way to; tests wait for it",
-    "view": "large frames are read in place: `make bench` measures it",
 }
 """Names that are used from outside; each with its user."""
 TESTING = "swarmware/testing"
 """Is for tests."""
 
 Definition = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
-
-
-def trees() -> Iterator[tuple[Path, ast.Module]]:
-    for folder in FOLDERS:
-        for path in sorted((ROOT / folder).rglob("*.py")):
-            yield path, parsed(path)
 
 
 def is_registered(node: Definition) -> bool:
@@ -83,27 +70,15 @@ def documented() -> set[str]:
 
 
 def test_definition_of_the_product_is_used_or_documented() -> None:
-    parsed = list(trees())
-    used = Counter(name for _, tree in parsed for name in uses(tree))
-    known = documented() | OVERRIDES.keys()
-    dead = [
-        f"{path.relative_to(ROOT)}:{line}: {name}"
-        for path, tree in parsed
-        if TESTING not in str(path)
+    used = Counter(name for tree in trees().values() for name in uses(tree))
+    known = documented()
+    dead = {
+        name: f"{path}:{line}: {name}"
+        for path, tree in trees().items()
+        if TESTING not in path
         for name, line in definitions(tree)
         if not used[name] and name not in known
-    ]
-    assert not dead, "\n".join(["used by tests only, or by nothing; remove it:", *dead])
-
-
-def test_every_exception_is_defined() -> None:
-    defined = {name for _, tree in trees() for node in walked(tree) for name in _names(node)}
-    assert OVERRIDES.keys() <= defined
-
-
-def _names(node: ast.AST) -> Iterator[str]:
-    match node:
-        case ast.FunctionDef(name=name) | ast.AsyncFunctionDef(name=name) | ast.ClassDef(name=name):
-            yield name
-        case ast.Assign(targets=[ast.Name(id=name)]) | ast.AnnAssign(target=ast.Name(id=name)):
-            yield name
+    }
+    new = [place for name, place in dead.items() if name not in OVERRIDES]
+    assert not new, "\n".join(["used by tests only, or by nothing; remove it:", *new])
+    assert sorted(OVERRIDES.keys() - dead.keys()) == [], "an exception is no longer needed"

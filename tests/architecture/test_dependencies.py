@@ -16,21 +16,8 @@ ROOT: Final = Path(__file__).parents[2]
 PROJECT: Final = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 EXTRAS: Final[dict[str, list[str]]] = PROJECT["optional-dependencies"]
 OWN: Final = {
-    "swarmware",
-    "swarmd",
-    "swarmctl",
-    "swarmlab",
-    "tests",
-    "command_schemas",
-    "fanout",
-    "file_schemas",
-    "lab",
-    "links",
-    "rows",
-    "mission_pages",
-    "my_name",
-    "reference_pages",
-    "struct_tables",
+    *("swarmware", "swarmd", "swarmctl", "swarmlab", "tests", "fanout", "lab", "links", "rows"),
+    *("command_schemas", "file_schemas", "mission_pages", "my_name", "reference_pages", "struct_tables"),
 }
 """`fanout`, `lab`, `links` and `rows` are modules of the benchmarks, `my_name` is the one of each scaffold;
 the two schemas, `mission_pages` and the last two belong to the generator of the documents."""
@@ -108,19 +95,8 @@ def commands() -> str:
 
 def test_imports_of_node_are_requirements_of_distribution() -> None:
     declared = names(PROJECT["dependencies"])
-    optional = modules(
-        names(
-            [
-                *EXTRAS["can"],
-                *EXTRAS["images"],
-                *EXTRAS["lab"],
-                *EXTRAS["lidar"],
-                *EXTRAS["mongo"],
-                *EXTRAS["parquet"],
-                *EXTRAS["video"],
-            ]
-        )
-    )
+    extras = ("can", "images", "lab", "lidar", "mongo", "parquet", "video")
+    optional = modules(names(text for extra in extras for text in EXTRAS[extra]))
     used = imported("lib", "daemons", "cli")
     assert idle(declared, used) == [], "required and not imported"
     assert sorted(used - modules(declared) - optional) == [], "imported and not required"

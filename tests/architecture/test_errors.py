@@ -3,11 +3,9 @@
 import ast
 import builtins
 import re
-from pathlib import Path
 
-from tests.architecture.sources import nodes
+from tests.architecture.sources import ROOT, trees, walked
 
-ROOT = Path(__file__).parents[2]
 PROTOCOL = {
     "AttributeError",  # of `__getattr__`
     "IndexError",  # of a container
@@ -22,10 +20,9 @@ PROTOCOL = {
 
 def test_no_builtin_error_is_raised_on_purpose() -> None:
     found = [
-        f"{path.relative_to(ROOT)}:{node.lineno} {name}; expected a SwarmError"
-        for folder in ("lib", "daemons", "cli")
-        for path in sorted((ROOT / folder).rglob("*.py"))
-        for node in nodes(path)
+        f"{path}:{node.lineno} {name}; expected a SwarmError"
+        for path, tree in trees().items()
+        for node in walked(tree)
         if isinstance(node, ast.Raise) and node.exc is not None
         for name in [ast.unparse(node.exc.func if isinstance(node.exc, ast.Call) else node.exc)]
         if hasattr(builtins, name) and name not in PROTOCOL
@@ -39,25 +36,24 @@ BROAD = {"Exception", "BaseException", "OSError", "EnvironmentError"}
 
 def test_no_error_of_many_causes_vanishes_without_reason() -> None:
     found = []
-    for folder in ("lib", "daemons", "cli"):
-        for path in sorted((ROOT / folder).rglob("*.py")):
-            lines = path.read_text("utf-8").splitlines()
-            for node in nodes(path):
-                match node:
-                    case ast.ExceptHandler(type=kind, body=body):
-                        caught = "BaseException" if kind is None else ast.unparse(kind)
-                        silent = all(_is_silent(statement) for statement in body)
-                    case ast.withitem(context_expr=ast.Call(func=func, args=args)):
-                        silent = ast.unparse(func).endswith("suppress")
-                        caught = ", ".join(map(ast.unparse, args))
-                    case _:
-                        continue
-                if not silent or not BROAD & set(re.findall(r"\w+", caught)):
+    for path, tree in trees().items():
+        lines = (ROOT / path).read_text("utf-8").splitlines()
+        for node in walked(tree):
+            match node:
+                case ast.ExceptHandler(type=kind, body=body):
+                    caught = "BaseException" if kind is None else ast.unparse(kind)
+                    silent = all(_is_silent(statement) for statement in body)
+                case ast.withitem(context_expr=ast.Call(func=func, args=args)):
+                    silent = ast.unparse(func).endswith("suppress")
+                    caught = ", ".join(map(ast.unparse, args))
+                case _:
                     continue
-                at = node.context_expr if isinstance(node, ast.withitem) else node
-                first, last = at.lineno - 2, (at.end_lineno or at.lineno) + 1
-                if not any("#" in line for line in lines[first:last]):
-                    found.append(f"{path.relative_to(ROOT)}:{at.lineno} {caught}")
+            if not silent or not BROAD & set(re.findall(r"\w+", caught)):
+                continue
+            at = node.context_expr if isinstance(node, ast.withitem) else node
+            first, last = at.lineno - 2, (at.end_lineno or at.lineno) + 1
+            if not any("#" in line for line in lines[first:last]):
+                found.append(f"{path}:{at.lineno} {caught}")
     assert not found, "expected a log, a count, a raise, or a comment with the reason:\n" + "\n".join(found)
 
 

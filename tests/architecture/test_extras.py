@@ -14,24 +14,11 @@ EXTRA = ("PIL", "av", "bson", "can", "jsonschema", "matplotlib", "numpy", "pyarr
 BLOCK = f"import sys; sys.modules.update(dict.fromkeys({EXTRA!r}))\n"
 """None in `sys.modules` makes an import fail as it does where the module is not installed."""
 REPORT = (
-    "distribution",
-    "measure.formation_error",
-    "measure.path_difference",
-    "measure.recording",
-    "measure.tracks",
-    "measure.traffic_totals",
-    "report.analysis",
-    "report.charts",
-    "report.difference_plot",
-    "report.flight_map",
-    "report.page",
-    "report.plot_data",
-    "report.plots",
-    "report.replay",
-    "report.svg",
-    "report.time_chart",
-    "report.timeline_chart",
-    "report.link_chart",
+    *("distribution", "measure.formation_error", "measure.path_difference", "measure.recording"),
+    *("measure.tracks", "measure.traffic_totals", "report.analysis", "report.charts"),
+    *("report.difference_plot", "report.flight_map", "report.page", "report.plot_data"),
+    *("report.plots", "report.replay", "report.svg", "report.time_chart", "report.timeline_chart"),
+    *("report.link_chart",),
 )
 NEEDY = {
     "swarmware.recorder.mongo",

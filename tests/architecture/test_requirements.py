@@ -1,9 +1,10 @@
-"""The page of requirements: every capability once, with a state, and with tests and commands that exist."""
+"""The pages of requirements and hazards are complete, and the tests and commands that they cite exist."""
 
 import re
 from typing import NamedTuple
 
 import click
+import pytest
 from tests.architecture.pages import (
     ROOT,
     accept,
@@ -103,3 +104,36 @@ def test_what_the_repository_cites_stands_on_the_page() -> None:
             cited = (f"{source}.{number}" for number in range(int(first), int(last or first) + 1))
             missing += [f"{path.relative_to(ROOT)}: {name}" for name in cited if name not in known]
     assert not missing
+
+
+HAZARDS = ROOT / "share/doc/hazards.md"
+HAZARD_ROWS = [
+    [cell.strip() for cell in line.strip("|").split(" | ")]
+    for line in HAZARDS.read_text().splitlines()
+    if line.startswith("| ") and not line.startswith("| hazard")
+]
+
+
+@pytest.mark.parametrize("row", HAZARD_ROWS, ids=lambda row: row[0])
+def test_hazard_has_level_cause_detection_reaction_and_tests(row: list[str]) -> None:
+    hazard, level, *words, shown_by = row
+    assert len(words) == 3
+    assert all(words)
+    assert hazard.endswith(".")
+    assert level in {"A", "B", "C"}
+    cited = re.findall(r"`([^`]+)`", shown_by)
+    assert cited
+    assert not re.sub(r"`[^`]+`|,", "", shown_by).strip()
+    for test in cited:
+        assert "::" in test
+        try:
+            accept(test)
+        except click.ClickException as error:
+            pytest.fail(f"{test}: {error.format_message()}")
+
+
+def test_communication_time_and_flight_loop_have_highest_level() -> None:
+    assert len(HAZARD_ROWS) > 20
+    highest = " ".join(" ".join(row) for row in HAZARD_ROWS if row[1] == "A")
+    for word in ("beacon", "clock", "datagram", "flight/loop", "link_loss"):
+        assert word in highest

@@ -3,12 +3,8 @@
 import ast
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import lru_cache
-from pathlib import Path
 
-from tests.architecture.sources import parsed, walked
-
-ROOT = Path(__file__).parents[2]
+from tests.architecture.sources import trees, walked
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
@@ -101,9 +97,9 @@ def facts(node: ast.ClassDef, where: str) -> ClassFacts:
     return found
 
 
-def classes(trees: dict[str, ast.Module]) -> dict[str, list[ClassFacts]]:
+def classes(sources: dict[str, ast.Module]) -> dict[str, list[ClassFacts]]:
     out: dict[str, list[ClassFacts]] = {}
-    for where, tree in trees.items():
+    for where, tree in sources.items():
         for node in walked(tree):
             if isinstance(node, ast.ClassDef):
                 out.setdefault(node.name, []).append(facts(node, where))
@@ -120,9 +116,9 @@ def made(one: ClassFacts, known: dict[str, list[ClassFacts]], seen: frozenset[st
     return one.made.union(*inherited)
 
 
-def late(trees: dict[str, ast.Module]) -> dict[str, list[str]]:
+def late(sources: dict[str, ast.Module]) -> dict[str, list[str]]:
     """`path:Class` → attributes that no constructor makes, with their lines."""
-    known = classes(trees)
+    known = classes(sources)
     found: dict[str, list[str]] = {}
     for name, same in sorted(known.items()):
         for one in same:
@@ -133,24 +129,15 @@ def late(trees: dict[str, ast.Module]) -> dict[str, list[str]]:
     return found
 
 
-@lru_cache(maxsize=1)
-def sources() -> dict[str, ast.Module]:
-    return {
-        str(path.relative_to(ROOT)): parsed(path)
-        for folder in ("lib", "daemons", "cli")
-        for path in sorted((ROOT / folder).rglob("*.py"))
-    }
-
-
 def test_no_method_but_the_constructor_makes_an_attribute() -> None:
-    found = [f"{where}: {', '.join(names)}; expected in __init__" for where, names in late(sources()).items()]
+    found = [f"{where}: {', '.join(names)}; expected in __init__" for where, names in late(trees()).items()]
     assert not found, "\n".join(found)
 
 
 def test_nothing_looks_whether_it_has_an_attribute() -> None:
     found = [
         f"{where}:{node.lineno} {ast.unparse(node)}"
-        for where, tree in sources().items()
+        for where, tree in trees().items()
         for node in walked(tree)
         if isinstance(node, ast.Call)
         and isinstance(node.func, ast.Name)

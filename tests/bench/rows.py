@@ -17,7 +17,7 @@ ABOVE: Final = 1.2
 
 
 class Row(NamedTuple):
-    """A case, what was measured, and its goal."""
+    """A case, its measurement, and its goal."""
 
     name: str
     figure: str

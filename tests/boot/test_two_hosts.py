@@ -31,7 +31,7 @@ pytestmark = [
 
 
 class Swarm:
-    """Two hosts, and what was measured while the page was followed."""
+    """Two hosts, and the measurements while the page was followed."""
 
     def __init__(self, cable: Cable, wheel: Path) -> None:
         self.hosts: dict[str, Machine] = {}

@@ -1,4 +1,4 @@
-"""Files of airframes: those that are installed are sound; an error names file, key and what was expected."""
+"""Files of airframes: those that are installed are sound; an error names file, key and the expected value."""
 
 from pathlib import Path
 

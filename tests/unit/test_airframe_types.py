@@ -1,4 +1,4 @@
-"""A file of a helicopter or aircraft that could not fly is refused with the key and what was expected."""
+"""A file of a helicopter or aircraft that could not fly is refused with the key and the expected value."""
 
 from pathlib import Path
 

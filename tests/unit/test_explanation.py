@@ -1,4 +1,4 @@
-"""An error of a document names the key, also one in a mapping or a union, and what was expected."""
+"""An error of a document names the key, also one in a mapping or a union, and the expected value."""
 
 from typing import Annotated, Any, Literal
 

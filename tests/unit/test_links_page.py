@@ -1,4 +1,4 @@
-"""The page of the links is what was measured and kept, and each of its commands exists."""
+"""The page of the links has the kept measurements, and each of its commands exists."""
 
 import json
 import sys

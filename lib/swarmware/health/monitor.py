@@ -139,7 +139,7 @@ class HealthMonitor:
         self._changed: set[asyncio.Event] = set()
         """Events that let a registration be repeated, one for each check."""
 
-    def register(
+    def register(  # noqa: PLR0913 - the public call of a module, with defaults
         self,
         name: str,
         *,

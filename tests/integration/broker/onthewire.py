@@ -129,7 +129,7 @@ def byte_counters(table: Traffic, peer: str) -> Counter[str]:
 
 
 def captured(name: str, seen: Counter[Flow]) -> dict[str, int]:
-    """What was captured of each of these counters."""
+    """Captured datagrams of each of these counters."""
     peer = other(name)
     udp_out = {to: seen["udp", name, to] for to in (EVERYBODY, peer)}
     udp_in = seen["udp", peer, EVERYBODY] + seen["udp", peer, name]

@@ -63,7 +63,7 @@ def wire(monkeypatch: pytest.MonkeyPatch) -> Wire:
 
 
 async def serve(station: Station) -> list[str]:
-    """Answers requests, and waits until the broker knows their path; the list has what was worked on."""
+    """Answers requests, and waits until the broker knows their path; the list has the handled requests."""
     taken: list[str] = []
 
     def handle(text: Text, _meta: object) -> Text:
@@ -83,7 +83,7 @@ async def serve(station: Station) -> list[str]:
 async def serving_pair(
     root: Path, role: str = "operator"
 ) -> AsyncIterator[tuple[dict[str, Station], list[str]]]:
-    """A ground station of this role and uav1, which answers its requests; what was worked on."""
+    """A ground station of this role and uav1, which answers its requests; returns the handled requests."""
     async with swarm(root, "gcs", "uav1", roles={"gcs": role}, frames=CARRIER) as pair:
         await pair["gcs"].until_up("uav1")
         await pair["uav1"].until_up("gcs")

@@ -207,7 +207,7 @@ def ctl(lab: Lab, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
 
 @pytest.fixture
 def environment(lab: Lab) -> dict[str, str]:
-    """That of a reader: the environment in which Swarmware is installed is active, and a lab runs.
+    """The environment of a reader: Swarmware is installed there, it is active, and a lab runs.
 
     What `pip` installs, without a network, the lab finds, and it is removed with the lab.
     """

@@ -35,7 +35,7 @@ def database(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
 
 @pytest.fixture
 def environment(environment: dict[str, str], database: str) -> dict[str, str]:
-    """That of a reader, with the database of the page that needs one."""
+    """The environment of a reader, with the database of the page that needs one."""
     return {**environment, "MONGODB": database}
 
 

@@ -1,4 +1,4 @@
-"""An operator commands a helicopter and an aircraft of a lab; each answer is what was observed."""
+"""An operator commands a helicopter and an aircraft of a lab; each answer is an observation."""
 
 import json
 from typing import Any

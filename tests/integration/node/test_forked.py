@@ -29,7 +29,7 @@ def config(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def server() -> Iterator[ForkServerProcess]:
-    """That of all tests."""
+    """The fork server of all tests."""
     found = fork_server(["timesync", "broker"])
     assert found is not None
     yield found

@@ -143,7 +143,7 @@ def test_measured_function_replaces_composed_one_until_lost() -> None:
     assert measured is not None
     assert (measured.hops, measured.via) == (1, "")
     chain.links.remove(frozenset((1, 4)))
-    chain.nodes[-1].quartz.step(0.02)  # what was measured is no longer true, and only the others see it
+    chain.nodes[-1].quartz.step(0.02)  # the measurement is no longer true, and only the others see it
     chain.run(4 * ASK_S)
     composed = chain.function(4)
     assert composed is not None

@@ -86,7 +86,7 @@ class Receiver:
         return self.counters.refused.unsigned_values
 
     def reported(self) -> list[tuple[int, int]]:
-        """Relay and origin of what was refused since the last call."""
+        """Relay and origin of each refused value since the last call."""
         found, self._received.unsigned = self._received.unsigned, []
         return [(each.relay_hw, each.origin_hw) for each in found]
 

@@ -34,7 +34,7 @@ GAIN = "/uav1/config/gain"
 
 
 class ScriptedSession(Session):
-    """Answers by path, or by path and resource; an error among them is raised. Keeps what was asked."""
+    """Answers by path, or by path and resource; an error among them is raised. Keeps the requests."""
 
     def __init__(
         self, answers: Mapping[str, Any], client: FakeClient | None = None, /, **options: Any

@@ -275,7 +275,7 @@ def test_goto_needs_a_place_or_a_displacement(options: list[str]) -> None:
 
 
 class Asked:
-    """What was requested of which vehicles, and when it counts as done."""
+    """The requests to each vehicle, and when it counts as done."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, **chosen: str) -> None:
         self.orders: dict[str, ManoeuvreRequest] = {}

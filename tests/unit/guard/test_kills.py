@@ -23,7 +23,7 @@ START_S: Final = 0.1
 KILLED: Final = ExitStatus(signal=9)
 CRASHED: Final = ExitStatus(signal=11)
 UNKNOWN: Final = ExitStatus()
-"""That of a process which another guard started."""
+"""The exit status of a process that another guard started."""
 NS: Final = 1_000_000_000
 
 

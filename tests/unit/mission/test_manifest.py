@@ -1,4 +1,4 @@
-"""mission.toml: each error with its line, key and what was expected; the schema says what the code does."""
+"""mission.toml: each error with its line, key and the expected value; the schema says what the code does."""
 
 import json
 import tomllib

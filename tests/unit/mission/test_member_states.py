@@ -21,7 +21,7 @@ PATH = "mission/state"
 
 
 class Rig:
-    """Two other platforms, and what was passed on of them."""
+    """Two other platforms, and the states that were passed on."""
 
     def __init__(self, mirrors: dict[str, Publication]) -> None:
         self.mirrors = mirrors

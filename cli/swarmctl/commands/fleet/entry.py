@@ -67,7 +67,7 @@ def down(
     asyncio.run(bring(settings, hosts, FleetGoal.DOWN, parallel=parallel, wait_s=wait_s, force=force))
 
 
-def upgrade(
+def upgrade(  # noqa: PLR0913 - an argument for each option
     settings: CliSettings,
     path: Path,
     selected: tuple[str, ...],

@@ -132,7 +132,7 @@ class FleetRun:
         return await remote.status()
 
 
-async def bring(
+async def bring(  # noqa: PLR0913 - an argument for each option
     settings: CliSettings,
     hosts: Sequence[FleetHost],
     goal: FleetGoal,

@@ -137,7 +137,7 @@ class RelayCache:
             return
         entry.holders.add(relay_hw)  # it has a newer one than this node would relay to it
 
-    def on_value(
+    def on_value(  # noqa: PLR0913 - called for each value of a beacon, without an object for it
         self,
         sender_hw: int,
         origin_hw: int,
