@@ -11,7 +11,7 @@ PAGES = (*(ROOT / "share").glob("doc/*.md"), ROOT / "README.md", ROOT / "pyproje
 EXAMPLES = [*(ROOT / "share").rglob("*.py")]
 OVERRIDES = {
     "Driver": "what packages of version 0.1 call a Sensor",
-    "command_class": "read by click",
+    "SSLContext": "read by asyncio",
     **dict.fromkeys(("connection_made", "connection_lost", "data_received"), "called by asyncio"),
     "format_commands": "called by click",
     "format_options": "called by click",
