@@ -9,7 +9,7 @@ from swarmctl.membership.hosts import FleetFile
 from swarmware.mission.block_reader import TIMEOUT_LIMIT_S, TIMEOUT_MIN_MS
 from swarmware.mission.catalogue import BlockName, BlockType, Catalogue, Wait, built_in
 from swarmware.mission.manifest import Manifest
-from swarmware.mission.model import LINK_LOSS, ON_FAILURE
+from swarmware.mission.model import LINK_LOSS, ON_FAILURE, PRIORITIES, TOLERANCE_LIMIT_S
 from swarmware.mission.outcome import OutcomeKind
 
 _TIMEOUT: Final = OutcomeKind.TIMEOUT.value
@@ -53,6 +53,8 @@ def mission_schema(catalogue: Catalogue | None = None) -> str:
             "on_failure": {"anyOf": [{"enum": list(ON_FAILURE)}, _REFERENCE]},
             "on_link_loss": {"anyOf": [{"enum": ["", *LINK_LOSS]}, _REFERENCE]},
             "requires": {"type": "array", "items": {"type": "string"}},
+            "priority": _lenient({"type": "integer", "minimum": PRIORITIES[0], "maximum": PRIORITIES[1]}),
+            "tolerance_s": _lenient({"type": "number", "minimum": 0, "maximum": TOLERANCE_LIMIT_S}),
             "mission": {
                 "type": "object",
                 "additionalProperties": {
@@ -86,6 +88,8 @@ def _block(block: BlockType) -> dict[str, Any]:
         "title": {"type": "string"},
         "comment": {"type": "string"},
     }
+    if block.resumes:
+        properties["resume"] = {"enum": list(block.resumes)}
     groups: list[dict[str, Any]] = []
     for name, schema in own.get("properties", {}).items():
         # a default in the schema would make editors insert it

@@ -95,6 +95,7 @@ def _block(block: BlockType) -> str:
         ("platforms", ", ".join(f"`{kind.value}`" for kind in block.kinds) or "all"),
         ("default time-out", _timeout(block)),
         ("errors", ", ".join(f"`{kind}`" for kind in block.errors) or _no_errors(block)),
+        ("after a suspension", f"`{block.resume}`" if block.resumes else "nothing: the block takes no time"),
     ]
     out = [f"\n### {block.name}\n\n{block.purpose}\n\n", head("", "")]
     out += [row(*fact) for fact in facts]

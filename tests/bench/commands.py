@@ -55,6 +55,7 @@ COMMANDS: Final = (
     "traffic ls",
     "mission ls",
     "mission status",
+    "mission queue",
     "mission check formation",
     "hal ls",
     "time ls",
@@ -79,7 +80,8 @@ NOT_MEASURED: Final = {
     " node rename, app restart, app start, app stop, tree set, tree undo,"
     " tree rule, tree load, pub,"
     " traffic clear, traffic set, traffic undo,"
-    " video start, video rate, video stop, mission start, mission abort, takeoff, goto, drive,"
+    " video start, video rate, video stop, mission start, mission abort, mission cancel,"
+    " mission prioritize, takeoff, goto, drive,"
     " hold, land, return, arm, disarm, kill, health clear,"
     " hal calibrate,"
     " config set, config undo, config load, keys init, keys join, keys invite, keys revoke, keys rotate,"

@@ -4,10 +4,12 @@ import logging
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 
+import msgspec
+
 from swarmd.mission.checking import Checker
 from swarmd.mission.core.admission import OrderAdmission
-from swarmd.mission.core.executor import MissionExecutor
 from swarmd.mission.core.run import Announce, Run
+from swarmd.mission.core.scheduler import MissionScheduler
 from swarmd.mission.drain import Drain
 from swarmd.mission.values import Values
 from swarmware.errors import SwarmError
@@ -17,7 +19,7 @@ from swarmware.model.names import hardware_id
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.module import Module
 from swarmware.types import registry
-from swarmware.types.mission import MissionOrder, MissionPhase, MissionReceipt
+from swarmware.types.mission import MissionOrder, MissionReceipt
 
 log = logging.getLogger("swarm.mission")
 
@@ -40,11 +42,11 @@ class OrderAcceptance:
         checker: Checker,
         values: Values,
         drain: Drain,
-        core: MissionExecutor,
+        core: MissionScheduler,
         check: Check,
-        take: Callable[[Run, str], None],
+        take: Callable[[Run], None],
     ) -> None:
-        """`take`: passes the run of an accepted order on, with the name of its sender. Raises: SwarmError."""
+        """`take`: passes the run of an accepted order on. Raises: SwarmError."""
         self._module = module
         self._admission = OrderAdmission(module.platform, kind)
         self._checker = checker
@@ -89,12 +91,12 @@ class OrderAcceptance:
             run = self._admission.run(order, mission)
             self._check(order, mission)
             self._values.open(mission.resources)
-            self._take(run, by)
+            self._take(msgspec.structs.replace(run, by=by))
         except SwarmError as error:
             return _refusal(order, received_ns, error)
-        return MissionReceipt(True, received_ns)
+        return MissionReceipt(True, received_ns, waits=self._core.waits(order.epoch))
 
-    def rehearse(self, order: MissionOrder, mission: MissionDefinition, core: MissionExecutor) -> None:
+    def rehearse(self, order: MissionOrder, mission: MissionDefinition, core: MissionScheduler) -> None:
         """Run the acceptance of an order without effect, on a core that is discarded.
 
         The first order then finds its code and tables in the memory of this process.
@@ -111,10 +113,7 @@ class OrderAcceptance:
 
     def _has_taken(self, order: MissionOrder) -> bool:
         """Whether the order was accepted before: its reply was lost or late, so it is sent again."""
-        return order.epoch == self._core.epoch and self._core.phase in {
-            MissionPhase.READY,
-            MissionPhase.RUNNING,
-        }
+        return self._core.keeps(order.epoch)
 
     def _expiry(self, order: MissionOrder, received_ns: int) -> int:
         local_ns = self._module.remote_clocks.to_local(hardware_id(order.issuer), order.expires_ns)

@@ -13,7 +13,8 @@ from swarmd.mission.store import MissionStore
 from swarmware.errors import MissionError, NotFound, SwarmError
 from swarmware.mission.assignment import Assignment, MemberAssignment, Platform, assign
 from swarmware.mission.folder import Folder, files_hash, from_files
-from swarmware.mission.model import content_hash
+from swarmware.mission.loader import priority_of
+from swarmware.mission.model import PRIORITIES, content_hash
 from swarmware.mission.reaction import encode_rows
 from swarmware.model.access import Sender
 from swarmware.model.clock import utc_ns
@@ -29,6 +30,7 @@ from swarmware.types.mission import (
     MissionReceipt,
     MissionTask,
     OrderReceipt,
+    PriorityChange,
     TaskAnswer,
 )
 
@@ -36,6 +38,9 @@ log = logging.getLogger("swarm.mission")
 
 ORDER_PATH = "cmd/mission"
 ABORT_PATH = "cmd/abort"
+PRIORITY_PATH = "cmd/priority"
+UNSEEN_NS = 3_000_000_000
+"""Time in which the states of members may not show yet that they keep a run: three heartbeats."""
 
 Accept = Callable[[MissionOrder, int, str | None, str], MissionReceipt | Awaitable[MissionReceipt]]
 """Accepts an order that arrived at this instant of the own clock, of this platform (None: not
@@ -61,6 +66,8 @@ class Dispatcher:
         self._receipts = receipts
         self._accept = accept
         """Accepts the order of this platform itself, without a network."""
+        self._ordered: dict[int, tuple[tuple[str, ...], int]] = {}
+        """Members of the newest runs, and when they were ordered."""
 
     async def plan(self, task: MissionTask, platforms: list[Platform], absent: list[LeftOut]) -> MissionPlan:
         """The assignment of roles for an instruction, without sending an order.
@@ -85,6 +92,9 @@ class Dispatcher:
         `by`: user of this computer that gives the task; the members apply and record its role and name.
         Raises: MissionError, NotFound, ConfigError; then no order was sent.
         """
+        low, high = PRIORITIES
+        if task.priority is not None and not low <= task.priority <= high:
+            raise MissionError(f"priority {task.priority}: expected a number from {low} to {high}")
         folder, warnings = await self._checked(task)
         assignment = await self._assigned(task, folder, platforms, absent)
         epoch = utc_ns() // 1_000_000 & 0xFFFF_FFFF or 1
@@ -93,9 +103,17 @@ class Dispatcher:
             assignment.member_assignments, key=lambda one: one.member.platform == self._module.platform
         )
         rows = encode_rows(folder.manifest.reaction)
+        # the same at all members: they call the runs in their queues in one order
+        own = max(priority_of(text) for text in folder.texts.values())
+        priority = own if task.priority is None else task.priority
         hashes = {file: content_hash(text) for file, text in folder.texts.items()}
         orders = [
-            (one.member.platform, self._order(folder, assignment, one, epoch, hashes[one.file], rows))
+            (
+                one.member.platform,
+                msgspec.structs.replace(
+                    self._order(folder, assignment, one, epoch, hashes[one.file], rows), priority=priority
+                ),
+            )
             for one in members
         ]
         with self._module.node.messaging.batch():
@@ -109,9 +127,11 @@ class Dispatcher:
             refused = [receipt.platform for receipt in receipts if not receipt.accepted]
             log.warning("mission %s: not accepted by %s; withdrawn", name, ", ".join(refused))
             reason = f"not accepted by {', '.join(refused)}"
-            await self.abort(
-                tuple(receipt.platform for receipt in receipts), MissionAbort(reason, epoch=epoch), by
-            )
+            platforms_ordered = tuple(receipt.platform for receipt in receipts)
+            await self.send_all(ABORT_PATH, platforms_ordered, MissionAbort(reason, epoch=epoch), by)
+        if accepted:
+            names = tuple(receipt.platform for receipt in receipts)
+            self._ordered[epoch] = names, self._module.now_ns()
         self._publish(receipts)
         left_out = _left_out(task, assignment, platforms, absent)
         return TaskAnswer(
@@ -125,23 +145,33 @@ class Dispatcher:
                 # the own order crossed no link: it would improve the statistics of delays
                 self._receipts.write(receipt)
 
-    async def abort(
-        self, platforms: tuple[str, ...], order: MissionAbort, by: Sender | None = None
+    def just_ordered(self, epoch: int) -> tuple[str, ...]:
+        """Members of a run whose states may not show it yet."""
+        now_ns = self._module.now_ns()
+        self._ordered = {run: one for run, one in self._ordered.items() if now_ns - one[1] < UNSEEN_NS}
+        return self._ordered.get(epoch, ((), 0))[0]
+
+    async def send_all(
+        self,
+        path: str,
+        platforms: tuple[str, ...],
+        order: MissionAbort | PriorityChange,
+        by: Sender | None = None,
     ) -> tuple[str, ...]:
-        """Sends the abort to all these platforms; returns those that did not acknowledge it."""
+        """Sends a message to all these platforms; returns those that did not acknowledge it."""
         timeout_s, send = self._config.order_timeout_s, self._module.send
         async with asyncio.TaskGroup() as group:
             with self._module.node.messaging.batch():
                 sends = [
                     group.create_task(
                         send(
-                            join(platform, ABORT_PATH),
+                            join(platform, path),
                             order,
                             timeout_s=timeout_s,
                             urgent=True,
                             on_behalf_of=by,
                         ),
-                        name=f"mission: abort of {platform}",
+                        name=f"mission: {path} of {platform}",
                     )
                     for platform in platforms
                 ]
@@ -257,6 +287,7 @@ class Dispatcher:
             received_ns=receipt.received_ns if receipt else 0,
             accepted=receipt is not None and receipt.accepted,
             reasons=receipt.reasons if receipt else reasons,
+            waits=receipt.waits if receipt else "",
         )
 
 

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import Final
 
 from swarmd.mission.config import Config
-from swarmd.mission.core.executor import MissionExecutor
 from swarmd.mission.core.reactions import React, ReactionTable, RowChanged, Situation, link_loss_row
 from swarmd.mission.core.run import Action, ProgressStep
+from swarmd.mission.core.scheduler import MissionScheduler
 from swarmd.mission.core.way_home import WayHomeEstimate
 from swarmd.mission.values import Values
 from swarmd.mission.vehicle import VehicleClient
@@ -40,7 +40,7 @@ class ReactionWatch:
         config: Config,
         values: Values,
         vehicle: VehicleClient,
-        core: MissionExecutor,
+        core: MissionScheduler,
         feed: Callable[[list[Action]], None],
     ) -> None:
         """`feed`: carries out actions of the executor."""

@@ -17,9 +17,9 @@ from swarmd.mission.core.admission import drained_text
 from swarmd.mission.core.announcement import HEARTBEAT_NS, INTERVAL_NS
 from swarmd.mission.core.barrier import lead_to_ns
 from swarmd.mission.core.census import Census
-from swarmd.mission.core.executor import MissionExecutor
 from swarmd.mission.core.run import Action, Announce, CancelBlock, ProgressStep, Run, StartBlock, TakeVehicle
-from swarmd.mission.dispatcher import ABORT_PATH, ORDER_PATH, Dispatcher
+from swarmd.mission.core.scheduler import MissionScheduler
+from swarmd.mission.dispatcher import ORDER_PATH, Dispatcher
 from swarmd.mission.drain import Drain
 from swarmd.mission.fence_watch import FenceWatch
 from swarmd.mission.first_states import FirstStates
@@ -27,6 +27,7 @@ from swarmd.mission.member_states import MemberStates
 from swarmd.mission.progress_record import ProgressRecord
 from swarmd.mission.reaction_watch import ReactionWatch
 from swarmd.mission.rehearsal import SETTLED_S, Rehearsal
+from swarmd.mission.run_control import RunControl
 from swarmd.mission.runner import BlockRunner
 from swarmd.mission.store import MissionStore
 from swarmd.mission.values import Values
@@ -41,7 +42,6 @@ from swarmware.model.platform_kind import VEHICLES
 from swarmware.model.resource import Resource
 from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
-from swarmware.module.inbox import Inbox
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
@@ -49,12 +49,10 @@ from swarmware.service.live_config import LiveConfig
 from swarmware.service.service import Service
 from swarmware.types.mission import (
     INACTIVE,
-    AbortAnswer,
     BarrierResult,
     DrainOrder,
     LeftOut,
     ManoeuvreRequest,
-    MissionAbort,
     MissionList,
     MissionOrder,
     MissionPlan,
@@ -100,8 +98,6 @@ class Mission(Service):
         self._plugins = installed()
         self._checker = Checker(self._plugins.catalogue)
         self._drain = Drain(paths.drain_record(node.data_path))
-        self._ordered = 0, ""
-        """Run of the last order that was accepted, and who sent it."""
         self._values = Values(module)
         self._core = self._new_core()
         self._driver = self.drive(self._core, self._perform)
@@ -137,7 +133,7 @@ class Mission(Service):
         )
         self._others: BoardSet[MissionState] = module.readers("/*/mission/state", MissionState)
         self._member_states = MemberStates(
-            self._others, module.clock, lambda: self._core.phase in INACTIVE, self._take_states
+            self._others, module.clock, lambda: self._core.is_idle, self._take_states
         )
         self._census = Census(module.platform, round(self.config.lost_after_s * 1e9))
         self._first_states = FirstStates(
@@ -147,7 +143,6 @@ class Mission(Service):
         self._routes: BoardReader[Routes] = module.reader("net/routes", Routes)
         self._traffic: BoardReader[Traffic] = module.reader("net/traffic", Traffic)
         self._neighbours: BoardReader[Neighbours] = module.reader("net/neighbours", Neighbours)
-        self._aborts: Inbox[MissionAbort] = module.inbox(ABORT_PATH, MissionAbort)
         self._fence = FenceWatch(module, config.fence) if vehicle is not None else None
         self._reactions: ReactionWatch | None = None
         if vehicle is not None:
@@ -155,6 +150,14 @@ class Mission(Service):
             self._reactions = ReactionWatch(
                 module, live, config, self._values, vehicle, self._core, self._driver.feed
             )
+        self._run_control = RunControl(
+            module,
+            self._core,
+            self._dispatcher,
+            lambda: {module.platform: self._now_state(), **self._present()},
+            self._driver.feed,
+            self._check_reactions,
+        )
         self._serve()
 
     async def run(self) -> None:
@@ -163,7 +166,7 @@ class Mission(Service):
             async with asyncio.TaskGroup() as group:
                 group.create_task(self._driver.run(), name="mission:driver")
                 group.create_task(self._member_states.run(), name="mission:others")
-                group.create_task(self._take_aborts(), name="mission:aborts")
+                group.create_task(self._run_control.run(), name="mission:runs")
                 group.create_task(self._watch_links(), name="mission:links")
                 group.create_task(self._prepare(), name="mission:store")
                 if self._vehicle is not None:
@@ -194,13 +197,6 @@ class Mission(Service):
             self._on_plan,
             reply=MissionPlan,
             description="Assignment of roles without an order, and platforms without a role",
-        )
-        module.serve(
-            "sys/mission/abort",
-            MissionAbort,
-            self._on_abort,
-            reply=AbortAnswer,
-            description="Stop the mission at all its members",
         )
         module.serve(
             "sys/mission/manoeuvre",
@@ -238,18 +234,17 @@ class Mission(Service):
         self._check_reactions(order.mission)
         self._check_fence(order.file, mission)
 
-    def _new_core(self) -> MissionExecutor:
+    def _new_core(self) -> MissionScheduler:
         missions = built_in(self.module.platform, self._kind)
-        return MissionExecutor(
+        return MissionScheduler(
             self.module.platform, missions, self._values, random.random, self.config, self._lead_ns
         )
 
     def _rehearse(self, order: MissionOrder, mission: MissionDefinition) -> None:
         self._acceptance.rehearse(order, mission, self._new_core())
 
-    def _take_order(self, run: Run, by: str) -> None:
+    def _take_order(self, run: Run) -> None:
         actions = self._core.on_order(run, self.module.now_ns())
-        self._ordered = run.epoch, by
         # the reply is sent first: the ground station waits for it, others get the state with the next beacon
         self._driver.defer(actions)
         asyncio.get_running_loop().call_soon(self._taken, run.epoch)
@@ -282,15 +277,6 @@ class Mission(Service):
         now_ns = self.module.now_ns()
         return min(meta.stamp_ns, now_ns) if meta.sender_hw == self.module.node.hardware else now_ns
 
-    async def _on_abort(self, order: MissionAbort, meta: Meta) -> AbortAnswer:
-        states = {self.module.platform: self._now_state(), **self._present()}
-        ordered = tuple(name for name, state in states.items() if state.state not in INACTIVE)
-        if self._core.phase not in INACTIVE:
-            ordered = tuple(member.platform for member in self._core.members)
-        ordered = ordered or tuple(states)
-        silent = await self._dispatcher.abort(ordered, order, meta.sender)
-        return AbortAnswer(tuple(name for name in ordered if name not in silent), silent)
-
     def _on_manoeuvre(self, request: ManoeuvreRequest, meta: Meta) -> MissionStatus:
         vehicle = self._vehicle
         if vehicle is None:
@@ -321,7 +307,7 @@ class Mission(Service):
             raise MissionError(f"{what}: {reason}")
 
     def _on_status(self, request: Empty, meta: Meta) -> MissionStatus:
-        core, (epoch, ordered_by) = self._core, self._ordered
+        core = self._core
         return MissionStatus(
             self.module.platform,
             self._now_state(),
@@ -330,7 +316,7 @@ class Mission(Service):
             core.members,
             self._present(),
             core.unmet,
-            ordered_by if epoch == core.epoch else "",
+            core.ordered_by,
             () if self._reactions is None else self._reactions.state.rows,
         )
 
@@ -347,19 +333,6 @@ class Mission(Service):
 
     async def _on_list(self, request: Empty, meta: Meta) -> MissionList:
         return MissionList(await self._store.list())
-
-    async def _take_aborts(self) -> None:
-        async for order in self._aborts:
-            if order.epoch not in {0, self._core.epoch}:
-                continue
-            log.warning("abort: %s", order.reason)
-            try:
-                if order.then:
-                    self._check_reactions(order.then)
-                now_ns = self.module.now_ns()
-                self._driver.feed(self._core.on_abort(order.reason, order.then, now_ns))
-            except Conflict as error:
-                log.warning("abort refused: %s", error)
 
     def _take_states(self, platforms: Iterable[str]) -> None:
         """Passes the newest states of these platforms to the core."""
@@ -457,7 +430,7 @@ class Mission(Service):
                 self._state.write(self._own(state))
 
     def _progress(self, step: ProgressStep) -> MissionProgress:
-        epoch, now_ns = self._core.epoch, self.module.now_ns()
+        epoch, now_ns = step.epoch or self._core.epoch, self.module.now_ns()
         return MissionProgress(step.mission, epoch, step.block, step.type, step.event, now_ns, step.text)
 
     def _now_state(self) -> MissionState:

@@ -10,7 +10,7 @@ import msgspec
 import msgspec.inspect
 
 from swarmware.errors import MissionError
-from swarmware.mission.catalogue import BlockName, BlockType, Catalogue, Nothing, Params
+from swarmware.mission.catalogue import BlockName, BlockType, Catalogue, Nothing, Params, Resume
 from swarmware.mission.condition_parser import parse as parse_condition
 from swarmware.mission.model import Block, Edge
 from swarmware.mission.outcome import ANY_ERROR, SUCCESS, TIMED_OUT, BlockOutcome, OutcomeKind
@@ -19,7 +19,7 @@ from swarmware.model.names import similar
 from swarmware.model.toml_lines import key_text
 from swarmware.model.validation_message import parse_validation_message
 
-_ALWAYS: Final = ("type", "title", "comment")
+_ALWAYS: Final = ("type", "resume", "title", "comment")
 _TIMEOUT_EDGE: Final = ("nextTimeout", "next_timeout")
 _ERROR_EDGE: Final = ("nextError", "next_error")
 _MILLISECONDS: Final = "timeout"
@@ -81,7 +81,23 @@ class BlockReader:
         params = self._params()
         if timeout_s is not None and not any(key in self._body for key in _TIMEOUT_VALUE):
             timeout_s += params.lasts_s
-        return Block(self._id, self._spec, params, tuple(self._edges.values()), timeout_s, self._pointer)
+        return Block(
+            self._id,
+            self._spec,
+            params,
+            tuple(self._edges.values()),
+            timeout_s,
+            self._pointer,
+            self._resume(),
+        )
+
+    def _resume(self) -> Resume:
+        given, allowed = self._body.get("resume", self._spec.resume), self._spec.resumes
+        if "resume" in self._body and given not in allowed:
+            expected = f"one of {', '.join(allowed)}" if allowed else "none: it takes no time"
+            self._report("resume", "resume", f"{given!r}: expected {expected}")
+            return self._spec.resume
+        return given  # type: ignore[no-any-return]  # one of the allowed
 
     def _report(self, key: str, rule: str, message: str) -> None:
         place = f"{self._pointer}/{key}" if key else self._pointer
@@ -97,7 +113,7 @@ class BlockReader:
         if not self._spec.can_time_out:
             self._report(key, "timeout", f"a {self._spec.name} cannot time out: expected no `{key}`")
             return None
-        value = _number(self._body[key])
+        value = number_of(self._body[key])
         # a truth value is an integer in Python
         if isinstance(value, bool) or not isinstance(value, int | float):
             value = -1.0
@@ -255,7 +271,7 @@ class BlockReader:
             if name in raw:
                 self._report(escape(key), "twice", f"the same as {spelled[name]!r}: expected one of them")
             # published missions write numbers as strings: "ms": "500"
-            raw[name], spelled[name] = value if _is_text(value, types.get(name)) else _number(value), key
+            raw[name], spelled[name] = value if _is_text(value, types.get(name)) else number_of(value), key
         try:
             params = msgspec.convert(raw, self._spec.params)
             # computed here, as the class of a package may fail in it
@@ -321,7 +337,7 @@ def _is_text(value: Any, kind: msgspec.inspect.Type | None) -> bool:
     return False
 
 
-def _number(value: Any) -> Any:
+def number_of(value: Any) -> Any:
     """The number in a string; any other value unchanged."""
     if not isinstance(value, str) or not _NUMBER.fullmatch(value):
         return value

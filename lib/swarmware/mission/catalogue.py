@@ -193,6 +193,11 @@ class WaitForSensor(Params, frozen=True):
             raise InvalidInput(f"until: {min(others)!r}: expected fields of the value of the sensor only")
 
 
+Resume = Literal["restart", "continue", "skip", "abort"]
+"""How a block continues when its mission was suspended: from its beginning, where it was, as if it had
+completed, or with the error `preempted`."""
+
+
 class BlockName(StrEnum):
     """Names of the built-in block types; packages add further ones."""
 
@@ -238,6 +243,17 @@ class BlockType(msgspec.Struct, frozen=True):
     """True if it takes no time; a loop of only such blocks is a livelock."""
     aliases: tuple[tuple[str, str], ...] = ()
     """Alternative spellings of parameters."""
+    resume: Resume = "restart"
+    """How it continues after a suspension, unless the mission says something else with the key `resume`."""
+
+    @property
+    def resumes(self) -> tuple[Resume, ...]:
+        """Values that the key `resume` of such a block may have."""
+        if self.instant:
+            return ()
+        if self.name == BlockName.BARRIER:
+            return ("continue", "abort")
+        return ("restart", "continue", "skip", "abort") if self.control else ("restart", "skip", "abort")
 
     @property
     def can_time_out(self) -> bool:
@@ -285,8 +301,15 @@ BLOCKS: Final = (
         Barrier,
         control=True,
         errors=("broken",),
+        resume="continue",
     ),
-    BlockType(BlockName.WAIT, "A pause of `ms` milliseconds or `s` seconds.", Wait, control=True),
+    BlockType(
+        BlockName.WAIT,
+        "A pause of `ms` milliseconds or `s` seconds.",
+        Wait,
+        control=True,
+        resume="continue",
+    ),
     BlockType(
         BlockName.ARM,
         "Arms the motors.",

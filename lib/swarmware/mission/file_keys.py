@@ -37,6 +37,18 @@ MISSION_KEYS: Final = (
         "Action when the vehicle has lost the link to every ground station: `continue`, or the "
         "built-in mission `hold`, `return` or `land`, which ends this mission.",
     ),
+    FileKey(
+        "priority",
+        "number",
+        "`0`",
+        "From 0 to 99: a mission of higher priority suspends one of lower priority, which continues later.",
+    ),
+    FileKey(
+        "tolerance_s",
+        "number",
+        "`30`",
+        "Time for which the others wait at a barrier for a member whose part is suspended.",
+    ),
     FileKey("title", "string", "", "Text for readers about the purpose of the mission."),
     FileKey("comment", "string", "", "Comment for readers."),
     FileKey("$schema", "string", "", "Address of the JSON Schema, for editors."),
@@ -66,6 +78,12 @@ BLOCK_KEYS: Final = (
     ),
     FileKey("nextIfTrue", "string", "required of a DecisionRandom", "First successor of a DecisionRandom."),
     FileKey("nextIfFalse", "string", "required of a DecisionRandom", "Second successor of a DecisionRandom."),
+    FileKey(
+        "resume",
+        "string",
+        "of the type",
+        "How the block continues after a suspension: `restart`, `continue`, `skip` or `abort`.",
+    ),
     FileKey("title", "string", "", "Title for readers."),
     FileKey("comment", "string", "", "Comment for readers."),
 )

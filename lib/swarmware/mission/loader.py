@@ -8,22 +8,26 @@ import msgspec
 
 from swarmware.errors import MissionError
 from swarmware.mission.binding import Binding, Unbound, substitute
-from swarmware.mission.block_reader import BlockReader, nearest
+from swarmware.mission.block_reader import BlockReader, nearest, number_of
 from swarmware.mission.catalogue import BlockName, Catalogue, built_in
 from swarmware.mission.condition import ConditionExpression
 from swarmware.mission.condition_parser import parse as parse_condition
 from swarmware.mission.file_keys import MISSION_KEYS
 from swarmware.mission.finding import Finding
-from swarmware.mission.model import LINK_LOSS, ON_FAILURE, Block, MissionDefinition
+from swarmware.mission.model import (
+    LINK_LOSS,
+    ON_FAILURE,
+    PRIORITIES,
+    TOLERANCE_LIMIT_S,
+    Block,
+    MissionDefinition,
+)
 from swarmware.mission.source import JsonSource, SourceError, escape
 from swarmware.mission.source import parse as parse_source
 from swarmware.model.names import similar
 from swarmware.types.mission import ParamValue
 
 _TOP = tuple(key.name for key in MISSION_KEYS)
-
-_RESERVED = {"priority": "missions have no queue with priorities yet"}
-"""Keys reserved for later versions, which are refused because they would have no effect."""
 
 MISTAKES_LIMIT = 100
 """Maximum number of reported errors; the rest of the file is not read."""
@@ -63,6 +67,18 @@ def read(text: str, file: str, binding: Binding, catalogue: Catalogue | None = N
     return _Loader(source, binding, catalogue or built_in()).reading()
 
 
+class _Head(msgspec.Struct):
+    priority: int = 0
+
+
+def priority_of(text: str) -> int:
+    """Priority in the text of a checked mission; a parameter counts as 0."""
+    try:
+        return msgspec.json.decode(text, type=_Head, strict=False).priority
+    except msgspec.DecodeError:
+        return 0
+
+
 class _EnoughMistakes(Exception):
     """The limit of errors is reached; not raised outside of this file."""
 
@@ -92,11 +108,7 @@ class _Loader:
             self._report("", "shape", 'expected an object {"mission": {"b0": {"type": "Start", …}, …}}')
             return Reading(None, tuple(self._findings))
         for key in top:
-            # refused, not ignored: the author expects an effect
-            if key in _RESERVED:
-                message = f"key {key!r}: reserved, not supported yet: {_RESERVED[key]}; expected none"
-                self._report(f"/{escape(key)}", "reserved", message)
-            elif key not in _TOP:
+            if key not in _TOP:
                 self._report(f"/{escape(key)}", "unknown-key", f"key {key!r}: unknown; {nearest(key, _TOP)}")
         for key in ("title", "comment", "$schema"):
             if not isinstance(top.get(key, ""), str):
@@ -114,6 +126,8 @@ class _Loader:
             self._on_failure(bound.get("on_failure", "land")),
             self._on_link_loss(bound.get("on_link_loss", "")),
             self._requires(bound.get("requires", [])),
+            int(self._number(bound, "priority", 0, *PRIORITIES)),
+            self._number(bound, "tolerance_s", 30, 0, TOLERANCE_LIMIT_S),
         )
         return Reading(mission if starts else None, tuple(self._findings), tuple(self._declared))
 
@@ -201,6 +215,17 @@ class _Loader:
             return str(raw)
         self._report("/on_link_loss", "on-link-loss", f"{raw!r}: expected one of {', '.join(LINK_LOSS)}")
         return ""
+
+    def _number(self, top: dict[str, Any], key: str, default: float, low: float, high: float) -> float:
+        value = number_of(top.get(key, default))
+        whole = key == "priority"
+        if isinstance(value, bool) or not isinstance(value, int if whole else int | float):
+            value = low - 1
+        if not low <= value <= high:
+            kind = "a whole number" if whole else "a number"
+            self._report(f"/{key}", key, f"{top[key]!r}: expected {kind} from {low:g} to {high:g}")
+            return default
+        return float(value)
 
     def _requires(self, raw: Any) -> tuple[ConditionExpression, ...]:
         if not isinstance(raw, list) or not all(isinstance(item, str) for item in raw):

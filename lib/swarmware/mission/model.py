@@ -6,12 +6,17 @@ from typing import Final
 import msgspec
 
 from swarmware.footprint.blake2b import blake2b
-from swarmware.mission.catalogue import BlockName, BlockType, Params
+from swarmware.mission.catalogue import BlockName, BlockType, Params, Resume
 from swarmware.mission.condition import ConditionExpression
 from swarmware.mission.outcome import ANY_ERROR, BARRIER_BROKEN, TIMED_OUT, BlockOutcome, OutcomeKind
 
 STEPS_LIMIT: Final = 1_000
 """Maximum blocks that the player enters in one event; the check refuses a mission that needs more."""
+
+PRIORITIES: Final = (0, 99)
+"""Lowest and highest priority of a mission; built-in missions precede all of them."""
+TOLERANCE_LIMIT_S: Final = 86_400.0
+"""Longest tolerance of a suspended member: a day."""
 
 ON_FAILURE: Final = ("land", "hold", "return")
 """Built-in missions that may follow a failed mission."""
@@ -43,6 +48,8 @@ class Block(msgspec.Struct, frozen=True):
     timeout_s: float | None
     """Time-out of the block, or None without one."""
     pointer: str
+    resume: Resume = "restart"
+    """How it continues after its mission was suspended."""
 
     @property
     def type(self) -> str:
@@ -77,6 +84,10 @@ class MissionDefinition(msgspec.Struct, frozen=True, dict=True):
     """One of LINK_LOSS, or "" for the setting of the platform."""
     requires: tuple[ConditionExpression, ...] = ()
     """Conditions that are checked before the start and every second."""
+    priority: int = 0
+    """A mission of higher priority suspends one of lower priority."""
+    tolerance_s: float = 30.0
+    """Time for which the others wait at a barrier for a member whose part is suspended."""
 
     @cached_property
     def resources(self) -> frozenset[str]:

@@ -20,6 +20,8 @@ class OutcomeKind(StrEnum):
     CANCELLED = "cancelled"
     ABANDONED = "abandoned"
     """Cancelled, but the block did not end in time."""
+    SUSPENDED = "suspended"
+    """Cancelled, because its mission makes way for another one."""
     FAILS = "fails"
     """In a net: an error or a time-out without a successor, which ends the mission."""
 
@@ -51,6 +53,9 @@ UNKNOWN_VALUE: Final = BlockOutcome(OutcomeKind.ERROR, "unknown_value")
 """The condition of a Decision has no value."""
 CRASHED: Final = BlockOutcome(OutcomeKind.ERROR, "crashed")
 """A block raised an exception that is not a BlockError."""
+PREEMPTED: Final = BlockOutcome(OutcomeKind.ERROR, "preempted")
+"""The block cannot continue after its mission was suspended."""
+SUSPENDED: Final = BlockOutcome(OutcomeKind.SUSPENDED)
 CANCELLED: Final = BlockOutcome(OutcomeKind.CANCELLED)
 ABANDONED: Final = BlockOutcome(OutcomeKind.ABANDONED)
 FAILS: Final = BlockOutcome(OutcomeKind.FAILS)

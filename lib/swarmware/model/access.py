@@ -74,7 +74,9 @@ DEFAULT: Final = (
         Verb.CALL, "sys/tree/{channels,get,history,list,log,placement,structure,subscribe,type}", "observer"
     ),
     AccessRule(Verb.CALL, "sys/tree/{notify,set,undo,reset,rule}", "node"),
-    AccessRule(Verb.CALL, "sys/*/{status,state,faults,stats,ls,info,config,apps,functions}", "observer"),
+    AccessRule(
+        Verb.CALL, "sys/*/{status,state,faults,stats,ls,info,config,apps,functions,queue}", "observer"
+    ),
     AccessRule(Verb.CALL, "sys/broker/{links,outages,routes,traffic}", "observer"),
     AccessRule(Verb.CALL, "sys/video/open", "node"),
     AccessRule(Verb.CALL, "sys/{files,mission,vehicle,health,video}/**", "operator"),

@@ -26,6 +26,10 @@ class MissionPhase(OpenEnum):
     DONE = "done"
     FAILED = "failed"
     ABORTED = "aborted"
+    SUSPENDING = "suspending"
+    """The mission makes way for another one: its running blocks are being cancelled."""
+    SUSPENDED = "suspended"
+    """The mission has made way; its marking is kept until it continues."""
 
 
 PHASES: Final = tuple(MissionPhase)
@@ -72,6 +76,8 @@ class MissionTask(msgspec.Struct, frozen=True):
     """Parameters that replace the defaults in the manifest."""
     members: tuple[str, ...] = ()
     """Platforms that take part; () assigns all known platforms."""
+    priority: int | None = None
+    """Priority of the run, or None for the priority in the mission."""
 
 
 @register
@@ -91,6 +97,8 @@ class OrderReceipt(msgspec.Struct, frozen=True):
     accepted: bool
     reasons: tuple[str, ...] = ()
     """Reasons of a refusal."""
+    waits: str = ""
+    """Why an accepted order waits, or "" if it does not."""
 
 
 @register
@@ -168,6 +176,8 @@ class MissionOrder(msgspec.Struct, frozen=True, array_like=True):
     """Expiry on the issuer's hardware clock; an order that arrives later is refused."""
     reactions: str = ""
     """Reactions of the mission as a JSON array of rows, or "" without reactions."""
+    priority: int = 0
+    """Priority of the run, the same at all members."""
 
 
 @register
@@ -178,6 +188,8 @@ class MissionReceipt(msgspec.Struct, frozen=True, array_like=True):
     received_ns: int
     """Receiver's hardware clock when its broker received the order from the link, before its check."""
     reasons: tuple[str, ...] = ()
+    waits: str = ""
+    """Why an accepted order waits, or "" if it does not."""
 
 
 @register
@@ -188,7 +200,41 @@ class MissionAbort(msgspec.Struct, frozen=True, array_like=True, gc=False):
     then: str = ""
     """Built-in mission that takes over (land | hold | return), or "" for the mission's own `on_failure`."""
     epoch: int = 0
-    """Run to be aborted; 0 aborts any run."""
+    """Run to be aborted, which may also wait or be suspended; 0 aborts all runs."""
+
+
+@register
+class PriorityChange(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Change the priority of a run (`cmd/priority`; `sys/mission/prioritize` passes it on to all members)."""
+
+    epoch: int
+    priority: int
+
+
+@register
+class QueuedMission(msgspec.Struct, frozen=True):
+    """A run in the queue of a platform."""
+
+    epoch: int
+    """Number of the run, which `mission cancel` and `mission prioritize` take."""
+    mission: str
+    role: str
+    priority: int
+    state: str
+    """waiting | suspended, or the phase of the run that is played."""
+    since_ns: int
+    """Own hardware clock when the run was accepted."""
+    ordered_by: str = ""
+    why: str = ""
+    """Why it waits, or was suspended."""
+
+
+@register
+class MissionQueue(msgspec.Struct, frozen=True):
+    """The runs of a platform in the order in which they are played (`sys/mission/queue`)."""
+
+    platform: str
+    runs: tuple[QueuedMission, ...]
 
 
 @register
@@ -263,13 +309,15 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
     """Operator who drained the platform, which then takes no role in a new mission; else ""."""
     held_by: str = ""
     """Operator or pilot that drives the vehicle by hand, which holds its mission; else ""."""
+    kept: tuple[int, ...] = ()
+    """Epochs of the other runs that the platform keeps: they wait, or are suspended."""
 
     forms: ClassVar[tuple[Form, ...]] = (
         Form(
             "always",
             _HEAD_PARTS,
-            "MessagePack array of active, arrivals, meetings, text, mission and, if drained or held,"
-            " drained_by and held_by",
+            "MessagePack array of active, arrivals, meetings, text, mission and, up to the last that is not"
+            " empty, drained_by, held_by, kept",
         ),
     )
 
@@ -283,6 +331,8 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
             round(min(max(self.progress_ratio, 0.0), 1.0) * 255),
         )
         tail = (self.active, self.arrivals, self.meetings, self.text, self.mission)
+        if self.kept:
+            return head + _tail_encoder.encode(_KeptTail(*tail, self.drained_by, self.held_by, self.kept))
         if self.held_by:
             return head + _tail_encoder.encode(_HeldTail(*tail, self.drained_by, self.held_by))
         return head + _tail_encoder.encode(
@@ -317,6 +367,7 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
             KINDS[kind],
             tail.drained_by,
             tail.held_by,
+            tail.kept,
         )
 
 
@@ -336,8 +387,12 @@ class _HeldTail(_DrainedTail, frozen=True, array_like=True, gc=False):
     held_by: str = ""
 
 
+class _KeptTail(_HeldTail, frozen=True, array_like=True, gc=False):
+    kept: tuple[int, ...] = ()
+
+
 _tail_encoder = msgspec.msgpack.Encoder()
-_tail_decoder = msgspec.msgpack.Decoder(_HeldTail)
+_tail_decoder = msgspec.msgpack.Decoder(_KeptTail)
 
 
 @register
@@ -358,7 +413,7 @@ class MissionProgress(msgspec.Struct, frozen=True):
     type: str
     """Type of the block; of the whole: Mission."""
     event: str
-    """started | ok | timeout | error:<kind> | cancelled | abandoned | state:<state>."""
+    """started | resumed | suspended | ok | timeout | error:<kind> | cancelled | abandoned | state:<state>."""
     at_ns: int
     """Instant on the own hardware clock."""
     text: str = ""

@@ -256,16 +256,15 @@ async def test_vehicle_under_way_lands_after_daemon_restart(tmp_path: Path) -> N
 
 
 @on_uvloop
-async def test_second_instruction_is_refused_during_first(tmp_path: Path) -> None:
+async def test_second_instruction_waits_for_the_first(tmp_path: Path) -> None:
     async with swarm(tmp_path, "gcs", "uav1") as s:
-        task = MissionTask("hover", files=(hover(2.0),))
+        task = MissionTask("hover", files=(hover(0.5),))
         assert (await s.ask(TASK, task, TaskAnswer)).accepted
         await s.until(lambda: "running" in s["uav1"].history)
         second = await s.ask(TASK, task, TaskAnswer)
-        assert not second.accepted
-        assert "busy: hover is running" in second.orders[0].reasons[0]
-        # taking the second back does not touch the first
-        await s.until(lambda: s["uav1"].history[-1] == "done")
+        assert second.accepted
+        assert second.orders[0].waits.startswith("after hover")
+        await s.until(lambda: s["uav1"].history.count("done") == 2)
 
 
 @pytest.mark.parametrize(

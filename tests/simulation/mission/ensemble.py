@@ -2,6 +2,7 @@
 
 import heapq
 from collections.abc import Callable
+from contextlib import suppress
 from itertools import count
 from random import Random
 from typing import Any
@@ -10,8 +11,10 @@ import msgspec
 
 from swarmd.mission.config import Config
 from swarmd.mission.core.barrier import lead_ns
-from swarmd.mission.core.executor import START, MissionExecutor
+from swarmd.mission.core.executor import START
 from swarmd.mission.core.run import Action, Announce, CancelBlock, ProgressStep, Run, StartBlock
+from swarmd.mission.core.scheduler import MissionScheduler
+from swarmware.errors import Conflict
 from swarmware.mission.binding import Binding
 from swarmware.mission.field_path import Scalar
 from swarmware.mission.loader import load
@@ -76,7 +79,7 @@ class Node:
     def __init__(self, member: Member, chance: Random, beacon_hz: float) -> None:
         self.name = member.platform
         built_in = {} if member.kind == "gcs" else BUILT_IN
-        self.core = MissionExecutor(
+        self.core = MissionScheduler(
             member.platform,
             built_in,
             Nothing(),
@@ -91,6 +94,11 @@ class Node:
         """Blocks by token, and whether they listen to a cancel."""
         self.landed = False
         self.wake_ns: int | None = None
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it plays nothing, and nothing waits."""
+        return self.core.phase.value in FINAL and self.core.is_idle
 
     def now(self, true_ns: int) -> int:
         return round(true_ns * self.rate) + self.offset_ns
@@ -125,15 +133,24 @@ class Ensemble:
         while self._events and self._events[0][0] <= until_s * S:
             self.now_ns, _, do = heapq.heappop(self._events)
             do()
-            if all(not n.alive or n.core.phase.value in FINAL for n in self.nodes.values()):
+            if all(not n.alive or n.is_over for n in self.nodes.values()):
                 return
 
-    def order(self, name: str, mission: MissionDefinition, epoch: int = 1) -> None:
-        """The order reaches a member now."""
+    def order(
+        self,
+        name: str,
+        mission: MissionDefinition,
+        epoch: int = 1,
+        priority: int = 0,
+        members: tuple[Member, ...] = (),
+    ) -> None:
+        """The order reaches a member now, unless that is down; it may refuse it."""
         node = self.nodes[name]
         role = next(m.role for m in self.members if m.platform == name)
-        run = Run(mission, "trial", "00112233", epoch, role, self.members)
-        self._after(node, node.core.on_order(run, node.now(self.now_ns)))
+        run = Run(mission, "trial", "00112233", epoch, role, members or self.members, priority=priority)
+        if node.alive:
+            with suppress(Conflict):
+                self._after(node, node.core.on_order(run, node.now(self.now_ns)))
 
     def kill(self, name: str) -> None:
         self.nodes[name].alive = False

@@ -3,10 +3,11 @@
 from typing import Any
 
 from tests.unit.mission.nets import net
+from tests.unit.mission.results import result
 
 from swarmd.mission.config import Config
-from swarmd.mission.core.executor import MissionExecutor
 from swarmd.mission.core.run import CancelBlock, ProgressStep, Run, StartBlock
+from swarmd.mission.core.scheduler import MissionScheduler
 from swarmware.mission.binding import Binding
 from swarmware.mission.field_path import Scalar
 from swarmware.mission.loader import load
@@ -48,13 +49,28 @@ class Member1:
     def __init__(self, kind: str = "uav") -> None:
         self.values = Values()
         built_in = {"land": LAND, "hold": HOLD} if kind != "gcs" else {}
-        self.core = MissionExecutor("a", built_in, self.values, lambda: 0.0, Config(), lambda _: S // 4)
+        self.core = MissionScheduler("a", built_in, self.values, lambda: 0.0, Config(), lambda _: S // 4)
 
     def order(
-        self, text: str = ARM, members: tuple[Member, ...] = (A,), now: int = 0, **top: Any
+        self,
+        text: str = ARM,
+        members: tuple[Member, ...] = (A,),
+        now: int = 0,
+        name: str = "hop",
+        epoch: int = 7,
+        priority: int = 0,
     ) -> list[str]:
         mission = load(text, "m.json", Binding())
-        return words(self.core.on_order(Run(mission, "hop", "0123456789", 7, "x", members), now))
+        run = Run(mission, name, "0123456789", epoch, "x", members, priority=priority, by="anna@gcs")
+        return words(self.core.on_order(run, now))
+
+    def ended(self, token: int, word: str = "ok", now: int = S) -> list[str]:
+        """The shell reports the end of a block."""
+        return words(self.core.on_ended(token, result(word), "", now))
+
+    def queue(self) -> dict[str, str]:
+        """State of each run of the queue, in its order."""
+        return {one.mission: one.state for one in self.core.queue()}
 
     @property
     def phase(self) -> str:

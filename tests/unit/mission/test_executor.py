@@ -8,12 +8,12 @@ from tests.unit.mission.results import result
 from tests.unit.mission.steps import ARM, A, B, Member1, S, words
 
 from swarmd.mission.core.announcement import Announcer
-from swarmd.mission.core.executor import MissionExecutor
+from swarmd.mission.core.scheduler import MissionScheduler
 from swarmware.errors import Conflict
 from swarmware.types.mission import MissionPhase, MissionState
 
 
-def until(core: MissionExecutor, end_ns: int) -> int:
+def until(core: MissionScheduler, end_ns: int) -> int:
     """Nothing but announcements of the state is due before this instant."""
     while (deadline_ns := core.deadline_ns()) < end_ns:
         assert words(core.on_timer(max(deadline_ns, 0))) == []
@@ -75,13 +75,6 @@ def test_nobody_begins_when_one_has_aborted() -> None:
     assert words(m.core.on_states([("b", MissionState(7, "", MissionPhase.ABORTED), ())], S)) == [
         "state:idle"
     ]
-
-
-def test_a_second_mission_is_refused_while_one_runs() -> None:
-    m = Member1()
-    m.order()
-    with pytest.raises(Conflict, match="busy: hop is running"):
-        m.order()
 
 
 def test_a_failed_mission_lands_and_is_failed() -> None:

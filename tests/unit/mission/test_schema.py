@@ -46,7 +46,7 @@ def test_good_missions_fit_the_schema(path: Path) -> None:
         '{"mission": {"a": {"type": "Takeoff", "next": "b"}}}',
         '{"mission": {"a": {"type": "Wait", "s": 1, "next": "b", "nextTimeout": "b"}}}',
         '{"mision": {}}',
-        '{"priority": 3, "mission": {"a": {"type": "End"}}}',
+        '{"priority": 300, "mission": {"a": {"type": "End"}}}',
         '{"mission": {"a": {"type": "Fork", "next": ["b"], "nextError": "b"}}}',
         '{"mission": {"a": {"type": "Land", "next": "b", "timeout": 30}}}',
         '{"mission": {"a": {"type": "Land", "next": "b", "timeout": 30000, "timeout_s": 30}}}',

@@ -1,4 +1,4 @@
-"""`swarmctl mission`: check, start, watch and abort missions."""
+"""`swarmctl mission`: check, start, watch, queue and abort missions."""
 
 import click
 
@@ -6,6 +6,9 @@ from swarmctl.commandline import completion
 from swarmctl.commandline.lazy import Group
 from swarmctl.commandline.parameters import PLATFORM, nodes_argument
 from swarmctl.commandline.settings import Nodes, settings
+
+PRIORITIES = (0, 99)
+"""Lowest and highest priority, as in `swarmware.mission.model`, whose import takes long."""
 
 
 @click.group(cls=Group)
@@ -56,6 +59,12 @@ def check(ctx: click.Context, missions: tuple[str, ...]) -> None:
     type=PLATFORM,
 )
 @click.option("--set", "params", multiple=True, metavar="NAME=VALUE", help="Set a parameter of the mission.")
+@click.option(
+    "--priority",
+    type=click.IntRange(*PRIORITIES),
+    default=None,
+    help="A mission of higher priority suspends one of lower priority; default: the priority in the mission.",
+)
 @click.option("--yes", is_flag=True, help="Do not ask for a confirmation; vehicles will move.")
 @click.option("--watch/--no-watch", default=False, help="Follow the mission until it ends.")
 @click.pass_context
@@ -64,13 +73,14 @@ def start(
     mission: str,
     members: tuple[str, ...],
     params: tuple[str, ...],
+    priority: int | None,
     yes: bool,
     watch: bool,
 ) -> None:
     """Start a mission of the swarm, given by name, folder or file.
 
     It shows warnings of the check, the members, and known platforms without a role with the reason, then
-    asks.
+    asks. On vehicles that play another mission it waits in their queues.
 
     Example: swarmctl mission start formation --set speed_m_s=1.0 --yes --watch
     """
@@ -78,7 +88,8 @@ def start(
     from swarmctl.commands.mission.task import task
     from swarmctl.session.session import run
 
-    run(settings(ctx), starting.start, mission, task(mission, (), params), members, yes=yes, watch=watch)
+    what = task(mission, (), params, priority)
+    run(settings(ctx), starting.start, mission, what, members, yes=yes, watch=watch)
 
 
 @cmd.command()
@@ -92,6 +103,52 @@ def status(ctx: click.Context) -> None:
     from swarmctl.session.each_node import run_each
 
     run_each(settings(ctx), print_status)
+
+
+@cmd.command()
+@click.pass_context
+def queue(ctx: click.Context) -> None:
+    """Show the missions of a platform in their order: running, waiting, suspended, and why.
+
+    Example: swarmctl mission queue -n uav1
+    """
+    from swarmctl.commands.mission.queue import print_queue
+    from swarmctl.session.each_node import run_each
+
+    run_each(settings(ctx), print_queue)
+
+
+@cmd.command(nodes=Nodes.ONE)
+@click.argument("run_id", metavar="ID", type=click.IntRange(min=1))
+@click.option("--reason", default="cancelled by the operator", help="Reason, recorded in all logs.")
+@click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
+@click.pass_context
+def cancel(ctx: click.Context, run_id: int, reason: str, yes: bool) -> None:
+    """End a run at all its members, whether it waits, is suspended or is played.
+
+    The vehicles that play it do what its `on_failure` says; on the others nothing moves.
+
+    Example: swarmctl mission cancel 2754631902 --yes
+    """
+    from swarmctl.commands.mission import queue as queueing
+    from swarmctl.session.session import run
+
+    run(settings(ctx), queueing.cancel, run_id, reason, yes=yes)
+
+
+@cmd.command(nodes=Nodes.ONE)
+@click.argument("run_id", metavar="ID", type=click.IntRange(min=1))
+@click.argument("priority", type=click.IntRange(*PRIORITIES))
+@click.pass_context
+def prioritize(ctx: click.Context, run_id: int, priority: int) -> None:
+    """Change the priority of a run at all its members; it may then suspend another one.
+
+    Example: swarmctl mission prioritize 2754631902 10
+    """
+    from swarmctl.commands.mission import queue as queueing
+    from swarmctl.session.session import run
+
+    run(settings(ctx), queueing.prioritize, run_id, priority)
 
 
 @cmd.command()

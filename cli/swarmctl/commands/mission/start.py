@@ -48,7 +48,7 @@ async def start(
                 order.role,
                 order.accepted,
                 (order.acked_ns - order.sent_ns) / 1e6 if order.acked_ns else None,
-                "; ".join(order.reasons),
+                "; ".join(order.reasons) or (f"waits {order.waits}" if order.waits else ""),
             )
             for order in answer.orders
         ]

@@ -62,7 +62,9 @@ def _name(where: Path) -> str:
     return path.parent.name if path.name == MANIFEST else path.name
 
 
-def task(mission: str, members: Iterable[str], params: Iterable[str]) -> MissionTask:
+def task(
+    mission: str, members: Iterable[str], params: Iterable[str], priority: int | None = None
+) -> MissionTask:
     """The instruction for a ground station, with the contents of the mission's files.
 
     Raises: NotFound, ConfigError, InvalidInput for a parameter that is not NAME=VALUE.
@@ -71,7 +73,7 @@ def task(mission: str, members: Iterable[str], params: Iterable[str]) -> Mission
     files = tuple(read_files(where))
     single = where.is_file() and len(files) == 1
     name = "" if single else (where if where.is_dir() else where.parent).resolve().name
-    return MissionTask(name, files, dict(_param(text) for text in params), tuple(members))
+    return MissionTask(name, files, dict(_param(text) for text in params), tuple(members), priority)
 
 
 def _param(text: str) -> tuple[str, ParamValue]:

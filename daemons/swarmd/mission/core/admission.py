@@ -69,4 +69,6 @@ class OrderAdmission:
             rows = decode_rows(order.reactions)
         except InvalidInput as error:
             raise MissionError(f"order of {order.issuer}: {error}") from error
-        return Run(mission, order.mission, order.hash, order.epoch, order.role, order.members, rows)
+        return Run(
+            mission, order.mission, order.hash, order.epoch, order.role, order.members, rows, order.priority
+        )

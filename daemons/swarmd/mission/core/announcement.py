@@ -37,6 +37,10 @@ class Announcer:
         self._last_ns = now_ns
         return True
 
+    def has_repeated(self, state: MissionState) -> bool:
+        """Whether this state was written as often as a change is."""
+        return self._left == 0 and msgspec.structs.replace(state, **_QUIET) == self._announced
+
     def deadline_ns(self) -> int | None:
         """When `due` must be called next without a change; None: at once."""
         if self._last_ns is None:

@@ -12,6 +12,7 @@ from typing import Final
 
 import msgspec
 
+from swarmd.mission.core.run import MAKING_WAY
 from swarmware.mission.outcome import BARRIER_BROKEN, SUCCESS, TIMED_OUT, BlockOutcome
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import INACTIVE, Arrival, BarrierResult, Member, MissionPhase, MissionState
@@ -64,12 +65,16 @@ class _OtherMember(msgspec.Struct):
     """When anything else was last received from its computer."""
     left: bool = False
     """It took part, and now plays another mission or was restarted."""
+    suspended_ns: int | None = None
+    """Since when it plays something else first and keeps its part of this run; None: it does not."""
 
 
 class _Waiting(msgspec.Struct):
     spec: BarrierSpec
     since_ns: int
     deadline_ns: int | None
+    patience_ns: int
+    """Length of its time-out."""
 
 
 class _Known(msgspec.Struct):
@@ -98,8 +103,12 @@ class Barriers:
         lost_after_ns: int,
         lead: Callable[[int], int],
         strict: frozenset[str] = frozenset(),
+        tolerance_ns: int = 0,
     ) -> None:
-        """`lead`: returns the nanoseconds from the opening of a barrier, now, to the common time."""
+        """`lead`: returns the nanoseconds from the opening of a barrier, now, to the common time.
+
+        `tolerance_ns`: time after which a suspended member is lost for a barrier.
+        """
         self._me = me
         self._members = members
         self._stations = frozenset(member.platform for member in members if member.kind == PlatformKind.GCS)
@@ -107,6 +116,7 @@ class Barriers:
         """Barriers that a ground station breaks like any other member."""
         self._epoch = epoch
         self._lost_after_ns = lost_after_ns
+        self._tolerance_ns = tolerance_ns
         self._lead = lead if len(members) > 1 else lambda _now_ns: 0
         self._rank = {member.platform: rank for rank, member in enumerate(members)}
         self._peers = {member.platform: _OtherMember() for member in members if member.platform != me}
@@ -125,6 +135,10 @@ class Barriers:
         """The newest results, on this member's clock, for its board."""
         newest = list(self._known.items())[-ANNOUNCED:]
         return tuple(BarrierResult(*key, known.leave_ns, known.by) for key, known in newest)
+
+    def has_result(self, barrier: str) -> bool:
+        """Whether the first visit of a barrier was decided, as far as this member knows."""
+        return (barrier, 1) in self._known
 
     def expect_all(self, now_ns: int) -> None:
         """From now on a silent member counts as lost."""
@@ -151,8 +165,14 @@ class Barriers:
         peer = self._peers.get(platform)
         if peer is None:
             return
-        if state.epoch != self._epoch:
-            peer.left = peer.left or peer.state is not None
+        takes_part = state.epoch == self._epoch
+        if self._epoch in state.kept or (takes_part and state.state in MAKING_WAY):
+            self._on_suspended(peer, now_ns)
+        elif takes_part:
+            peer.suspended_ns = None
+        else:
+            peer.left = peer.left or peer.state is not None or peer.suspended_ns is not None
+        if not takes_part:
             return
         peer.state, peer.received_ns, peer.left = state, now_ns, False
         for result in results:
@@ -161,10 +181,22 @@ class Barriers:
             relayed = result.by != self._rank[platform]
             self._learn((result.barrier, result.visit), result.leave_ns, result.by, relayed, now_ns)
 
+    def _on_suspended(self, peer: _OtherMember, now_ns: int) -> None:
+        """A member plays something else first, or has not begun because it does."""
+        if peer.suspended_ns is None:
+            peer.suspended_ns = now_ns
+        peer.received_ns, peer.left = now_ns, False
+        if not self._expected:
+            # the common start waits for a member whose turn has not come
+            for waiting in self._waiting.values():
+                if waiting.deadline_ns is not None:
+                    waiting.deadline_ns = max(waiting.deadline_ns, now_ns + waiting.patience_ns)
+
     def arrive(self, token: int, spec: BarrierSpec, now_ns: int) -> None:
         """This member has arrived at a barrier."""
-        deadline_ns = None if spec.timeout_s is None else now_ns + round(spec.timeout_s * 1e9)
-        self._waiting[token] = _Waiting(spec, now_ns, deadline_ns)
+        patience_ns = round((spec.timeout_s or 0) * 1e9)
+        deadline_ns = None if spec.timeout_s is None else now_ns + patience_ns
+        self._waiting[token] = _Waiting(spec, now_ns, deadline_ns, patience_ns)
 
     def withdraw(self, token: int) -> None:
         """This member does not wait at that barrier any more."""
@@ -306,7 +338,7 @@ class Barriers:
         if name == self._me:
             return True
         state = self._peers[name].state
-        if state is None or self._is_gone(name, now_ns):
+        if state is None or self._peers[name].suspended_ns is not None or self._is_gone(name, now_ns):
             return False
         return Arrival(spec.barrier, spec.visit) in state.arrivals
 
@@ -314,13 +346,15 @@ class Barriers:
         peer = self._peers.get(name)
         if peer is None:
             return False
-        if peer.left or (peer.state is not None and peer.state.state in OVER):
+        if peer.left or (peer.suspended_ns is None and peer.state is not None and peer.state.state in OVER):
             return True
         return self._expected and now_ns > self._lost_ns(peer)
 
     def _lost_ns(self, peer: _OtherMember) -> int:
         """When a member counts as lost unless something of it is received before."""
         received_ns = peer.received_ns
+        if peer.suspended_ns is not None:
+            return min(received_ns + PATIENCE * self._lost_after_ns, peer.suspended_ns + self._tolerance_ns)
         last_ns = min(max(received_ns, peer.alive_ns), received_ns + (PATIENCE - 1) * self._lost_after_ns)
         return last_ns + self._lost_after_ns
 

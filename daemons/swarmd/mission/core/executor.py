@@ -2,20 +2,21 @@
 
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
-from itertools import count
 from typing import Final
 
 import msgspec
 
 from swarmd.mission.config import Config
-from swarmd.mission.core.announcement import Announcer
 from swarmd.mission.core.barrier import Barriers, BarrierSpec, Passed
+from swarmd.mission.core.commons import Commons
 from swarmd.mission.core.player import Player
+from swarmd.mission.core.requirements import TURNS, RequirementWatch
 from swarmd.mission.core.run import (
+    MAKING_WAY,
     PLAYING,
+    RESUMED,
     STARTED,
     Action,
-    Announce,
     CancelBlock,
     EnterBarrier,
     LeaveBarrier,
@@ -23,6 +24,7 @@ from swarmd.mission.core.run import (
     PlayEnded,
     PlayerAction,
     PlayResult,
+    PlaySuspended,
     ProgressStep,
     Run,
     StartBlock,
@@ -32,44 +34,14 @@ from swarmd.mission.core.run import (
 from swarmware.errors import Conflict
 from swarmware.mission.catalogue import Barrier
 from swarmware.mission.condition import Lookup
-from swarmware.mission.field_path import Scalar
 from swarmware.mission.model import Block, MissionDefinition
 from swarmware.mission.outcome import SUCCESS, BlockOutcome
 from swarmware.mission.reaction import STRENGTH, ReactionRow
-from swarmware.runtime.core import AT_ONCE
-from swarmware.runtime.loop_delay import LoopDelay
 from swarmware.types.control import ControlState, DriveMode
-from swarmware.types.mission import HASH_DIGITS, INACTIVE, BarrierResult, Member, MissionPhase, MissionState
-
-
-class DelayedLookup:
-    """Values with their ages, less the time for which this node did not listen.
-
-    The owner of a value has not run meanwhile either, or its value waits to be taken.
-    """
-
-    def __init__(self, lookup: Lookup, delay_ns: int) -> None:
-        self._lookup = lookup
-        self._delay_s = delay_ns / 1e9
-
-    def value(self, path: str, field: str) -> Scalar | None:
-        """Newest value of the resource's field (empty: its only field)."""
-        return self._lookup.value(path, field)
-
-    def age_s(self, path: str) -> float | None:
-        """Age of the newest value."""
-        age_s = self._lookup.age_s(path)
-        return None if age_s is None else max(age_s - self._delay_s, 0.0)
-
+from swarmware.types.mission import HASH_DIGITS, BarrierResult, Member, MissionPhase, MissionState
 
 START: Final = "@start"
 """The barrier before Start: no member begins unless all have accepted the order."""
-CHECK_NS: Final = 1_000_000_000
-"""Period of evaluating the requirements (S2.35)."""
-TURNS: Final = 2
-"""Turns of a late event loop from a measurement to the value that is computed from it."""
-REQUIREMENT_MISSES: Final = 3
-"""Checks in a row in which a requirement cannot be evaluated before it counts as unmet."""
 
 
 class MissionExecutor:
@@ -87,6 +59,7 @@ class MissionExecutor:
         chance: Callable[[], float],
         config: Config,
         lead: Callable[[frozenset[str]], int],
+        commons: Commons,
     ) -> None:
         """`lead`: returns the nanoseconds that the result of a barrier needs to reach these platforms."""
         self._platform = platform
@@ -94,23 +67,20 @@ class MissionExecutor:
         """Built-in missions of this kind of vehicle, such as land and hold; empty at a ground station."""
         self._playable = dict(built_in)
         """The same with the newest manoeuvres that an operator ordered, such as goto."""
-        self._held_by = ""
         self._ordered = False
         """Whether an operator ordered the built-in mission: it takes the vehicle from another operator."""
-        self.orders = 0
-        """Number of orders that were accepted: missions, manoeuvres and aborts."""
         self._lookup = lookup
         self._chance = chance
         self._config = config
-        self._announcer = Announcer()
-        self._delay = LoopDelay()
+        self._commons = commons
+        self._delay = commons.delay
         self._lead = lead
-        self._tokens = count(1)
         self._phase = MissionPhase.IDLE
         self._since_ns = 0
         self._run: Run | None = None
         self._player: Player | None = None
-        self._playing = ""
+        self.playing = ""
+        """Name of the mission that is played, perhaps a built-in one."""
         self._title = ""
         """Name reported at the end: the mission, or the built-in one that an operator ordered."""
         self._barriers: Barriers | None = None
@@ -120,14 +90,16 @@ class MissionExecutor:
         self._reason = ""
         self._recovery = ""
         self._recovering = False
+        self._discarded = False
+        """The mission was ended while another one had the vehicle: no built-in mission follows."""
         self._queue: deque[PlayerAction | Passed] = deque()
         self._actions: list[Action] = []
         """Actions for the shell that result from the current event."""
         self._text = ""
         self._ratios: dict[int, float] = {}
-        self._check_ns: int | None = None
-        self._misses: dict[str, int] = {}
-        self._unmet: tuple[str, ...] = ()
+        self._requirements = RequirementWatch((), lookup, self._delay)
+        self.makes_way_for = ""
+        """Why the mission is suspended, or "" if it is not."""
 
     @property
     def phase(self) -> MissionPhase:
@@ -157,7 +129,7 @@ class MissionExecutor:
     @property
     def unmet(self) -> tuple[str, ...]:
         """Requirements that did not hold at the last evaluation."""
-        return self._unmet
+        return self._requirements.unmet
 
     @property
     def rows(self) -> tuple[ReactionRow, ...]:
@@ -173,7 +145,7 @@ class MissionExecutor:
         """The state that the platform publishes on its board."""
         player, barriers, run = self._player, self._barriers, self._run
         moving = max(self._ratios.values(), default=0.0)
-        blocks = len(run.mission.blocks) if run and self._playing == run.name else 1
+        blocks = len(run.mission.blocks) if run and self.playing == run.name else 1
         ratio = min(1.0, player.progress_ratio + moving / blocks) if player else 0.0
         return MissionState(
             epoch=run.epoch if run else 0,
@@ -184,26 +156,37 @@ class MissionExecutor:
             meetings=barriers.results if barriers else (),
             progress_ratio=1.0 if self._phase is MissionPhase.DONE else round(ratio, 3),
             text=self._text,
-            mission=self._playing,
-            held_by=self._held_by,
+            mission=self.playing,
+            held_by=self._commons.held_by,
         )
 
-    def on_order(self, run: Run, now_ns: int) -> list[Action]:
-        """Accepts a mission, which begins when all members have accepted it.
+    @property
+    def is_beginning(self) -> bool:
+        """Whether the instant of the common start is known: the others begin then."""
+        decided = self._barriers is not None and self._barriers.has_result(START)
+        return self._phase is MissionPhase.READY and decided
 
-        Raises: Conflict when another one runs, or a requirement is not met.
+    def check(self, run: Run) -> None:
+        """Check that the requirements of a mission are met now. Raises: Conflict."""
+        watch = RequirementWatch(run.mission.requires, self._lookup, self._delay)
+        if missing := watch.missing():
+            raise Conflict(f"{self._platform}: requirement {missing!r} is not met")
+
+    def refuse(self, run: Run, reason: str, now_ns: int) -> list[Action]:
+        """Records that the mission of a run cannot begin now that its turn has come."""
+        self._run, self.playing = run, run.name
+        self._withdraw(reason, now_ns)
+        return self._settle(now_ns)
+
+    def on_order(self, run: Run, now_ns: int) -> list[Action]:
+        """Waits for the common start of a mission, which begins when all members have accepted it.
+
+        Raises: Conflict when a requirement is not met.
         """
-        if self._phase not in INACTIVE:
-            raise Conflict(f"{self._platform} is busy: {self._playing or START} is {self._phase}")
-        if self._held_by:
-            raise Conflict(f"{self._platform} is driven by hand by {self._held_by}")
-        unmet = [c.text for c in run.mission.requires if c.holds(self._lookup) is not True]
-        if unmet:
-            raise Conflict(f"{self._platform}: requirement {unmet[0]!r} is not met")
-        self.orders += 1
-        self._run, self._player = run, None
-        self._playing = self._title = run.name
-        self._unmet, self._misses, self._ratios = (), {}, {}
+        self.check(run)
+        self._requirements = RequirementWatch(run.mission.requires, self._lookup, self._delay)
+        self._run = run
+        self.playing = self._title = run.name
         others = frozenset(member.platform for member in run.members) - {self._platform}
         self._barriers = Barriers(
             self._platform,
@@ -213,10 +196,50 @@ class MissionExecutor:
             # the others are taken to be as late as this node
             lambda now_ns: self._lead(others) + TURNS * self._delay.recent_ns(now_ns),
             strict=frozenset({START, *run.strict_barriers()}),
+            tolerance_ns=round(run.mission.tolerance_s * 1e9),
         )
-        self._barriers.arrive(0, BarrierSpec(START, 1, timeout_s=self._config.start_timeout_s), now_ns)
+        self._await_start(now_ns)
+        return self._settle(now_ns)
+
+    def _await_start(self, now_ns: int) -> None:
+        if self._barriers is not None:
+            self._barriers.arrive(0, BarrierSpec(START, 1, timeout_s=self._config.start_timeout_s), now_ns)
         self._text = "ready"
         self._move(PhaseEvent.ORDER, now_ns)
+
+    def suspend(self, reason: str, now_ns: int) -> list[Action]:
+        """Makes way for another mission: stops all blocks, and keeps the marking until `resume`."""
+        if self._phase not in {MissionPhase.READY, MissionPhase.RUNNING}:
+            return []
+        self._text = self.makes_way_for = reason
+        is_ready = self._phase is MissionPhase.READY
+        self._move(PhaseEvent.SUSPEND, now_ns, reason)
+        if is_ready and self._barriers is not None:
+            self._barriers.withdraw(0)
+        elif self._player is not None:
+            self._feed(self._player.suspend(now_ns), now_ns)
+        return self._settle(now_ns)
+
+    def resume(self, now_ns: int) -> list[Action]:
+        """Continues after `suspend`; a mission that had not begun waits for the common start again."""
+        if self._phase is not MissionPhase.SUSPENDED:
+            return []
+        self.makes_way_for = ""
+        if self._player is None:
+            self._await_start(now_ns)
+        else:
+            self._move(PhaseEvent.RESUME, now_ns)
+            self._requirements.begin(now_ns, at_once=True)
+            self._feed(self._player.resume(now_ns), now_ns)
+        return self._settle(now_ns)
+
+    def discard(self, reason: str, now_ns: int) -> list[Action]:
+        """Ends a suspended mission, without any effect on the vehicle, which plays another one."""
+        if self._phase is MissionPhase.SUSPENDED and self._player is None:
+            self._withdraw(reason, now_ns)
+        elif self._phase is MissionPhase.SUSPENDED and self._player is not None:
+            self._discarded = True
+            self._feed(self._player.stop(PlayResult.ABORTED, reason, now_ns), now_ns)
         return self._settle(now_ns)
 
     def on_states(
@@ -224,7 +247,6 @@ class MissionExecutor:
     ) -> list[Action]:
         """States of several platforms were received at the same instant."""
         if self._barriers is not None:
-            self._listen(now_ns)
             for platform, state, results in states:
                 self._barriers.on_state(platform, state, results, now_ns)
         return self._settle(now_ns)
@@ -254,7 +276,6 @@ class MissionExecutor:
         """
         if then and self._built_in and then not in self._built_in:
             raise Conflict(f"built-in mission {then!r}: unknown; expected {', '.join(self._built_in)}")
-        self.orders += 1
         self._stop(PlayResult.ABORTED, reason, then, now_ns, ordered=True)
         return self._settle(now_ns)
 
@@ -262,7 +283,7 @@ class MissionExecutor:
         """Plays a built-in mission that no operator ordered, unless a stronger one runs or is about to."""
         if action not in self._built_in:
             return []
-        doing = {MissionPhase.RECOVERING: self._playing, MissionPhase.ENDING: self._recovery}
+        doing = {MissionPhase.RECOVERING: self.playing, MissionPhase.ENDING: self._recovery}
         if STRENGTH.get(doing.get(self._phase, ""), 0) < STRENGTH[action]:
             self._stop(PlayResult.ABORTED, reason, action, now_ns)
         elif self._phase is MissionPhase.RECOVERING:
@@ -272,7 +293,6 @@ class MissionExecutor:
 
     def on_manoeuvre(self, name: str, mission: MissionDefinition, reason: str, now_ns: int) -> list[Action]:
         """Stops the mission, then plays a manoeuvre that an operator orders."""
-        self.orders += 1
         self._playable[name] = mission
         self._stop(PlayResult.ABORTED, reason, name, now_ns, ordered=True, again=True)
         return self._settle(now_ns)
@@ -281,12 +301,11 @@ class MissionExecutor:
         """Takes who drives: a vehicle that is driven by hand holds its mission."""
         manual = control.mode is not DriveMode.AUTO
         held_by = (control.holder or control.mode.value) if manual else ""
-        if held_by != self._held_by:
-            self._held_by = held_by
+        if held_by != self._commons.held_by:
+            self._commons.held_by = held_by
             if self._phase in PLAYING:
                 event = "held" if held_by else "resumed"
-                text = f"driven by {held_by}" if held_by else ""
-                self._actions.append(ProgressStep("", "Mission", event, text, self._playing))
+                self._step(event, f"driven by {held_by}" if held_by else "")
         if control.mode is DriveMode.HOLD and self._phase is MissionPhase.RECOVERING and not self._ordered:
             # no operator drives any longer: the vehicle is brought to safety after all
             self._actions.append(TakeVehicle(ordered=False))
@@ -294,30 +313,25 @@ class MissionExecutor:
 
     def on_timer(self, now_ns: int) -> list[Action]:
         """Handles time-outs, common times, lost members and requirements."""
-        self._listen(now_ns)
         if self._player is not None:
             self._feed(self._player.advance(now_ns), now_ns)
             self._empty_queue(now_ns)
-        if self._phase is MissionPhase.RUNNING and self._check_ns is not None and self._check_ns <= now_ns:
-            self._check_ns += CHECK_NS * max(1, (now_ns - self._check_ns) // CHECK_NS)
-            self._check(now_ns)
+        if self._phase is MissionPhase.RUNNING and (unmet := self._requirements.check(now_ns)):
+            self._stop(PlayResult.FAILED, f"requirement {unmet!r} is no longer met", "", now_ns)
         return self._settle(now_ns)
 
-    def deadline_ns(self) -> int:
-        """When `on_timer` must be called."""
-        announce_ns = self._announcer.deadline_ns()
+    def deadline_ns(self) -> int | None:
+        """When `on_timer` must be called, or None without a deadline."""
         instants = [
             self._player.deadline_ns() if self._player else None,
             self._barriers.deadline_ns() if self._barriers else None,
-            self._check_ns if self._phase is MissionPhase.RUNNING else None,
-            AT_ONCE if announce_ns is None else announce_ns,
+            self._requirements.due_ns if self._phase is MissionPhase.RUNNING else None,
         ]
-        return min(instant for instant in instants if instant is not None)
+        return min((instant for instant in instants if instant is not None), default=None)
 
-    def _listen(self, now_ns: int) -> None:
-        """Others are not silent while this core is not called."""
-        late_ns = self._delay.on_turn(self.deadline_ns(), now_ns)
-        if late_ns and self._barriers is not None:
+    def extend_waits(self, late_ns: int) -> None:
+        """This node did not listen for this time: the others were not silent in it."""
+        if self._barriers is not None:
             self._barriers.on_loop_delay(late_ns)
 
     def _settle(self, now_ns: int) -> list[Action]:
@@ -326,9 +340,6 @@ class MissionExecutor:
         while self._barriers is not None and (passed := self._barriers.advance(now_ns)):
             self._queue.extend(passed)
             self._empty_queue(now_ns)
-        state = self.state()
-        if self._announcer.due(state, now_ns):
-            self._actions.append(Announce(state))
         actions, self._actions = self._actions, []
         return actions
 
@@ -347,23 +358,31 @@ class MissionExecutor:
                         self._barriers.withdraw(token)
                 case PlayEnded(ended, reason):
                     self._end(ended, reason, now_ns)
+                case PlaySuspended():
+                    self._move(PhaseEvent.STOPPED, now_ns, self.makes_way_for)
                 case ProgressStep() as step:
-                    if step.event == STARTED:
+                    if step.event in {STARTED, RESUMED}:
                         self._text = f"{step.block}: {step.type}"
-                    self._actions.append(msgspec.structs.replace(step, mission=self._playing))
+                    self._actions.append(
+                        msgspec.structs.replace(step, mission=self.playing, epoch=self.epoch)
+                    )
                 case StartBlock() | CancelBlock() as action:
                     self._actions.append(action)
 
     def _feed(self, steps: list[PlayerAction], now_ns: int) -> None:
         """Puts actions of the player at the front of the queue."""
-        if self._player is not None and self._player.stopping and self._phase in PLAYING:
+        if self._player is not None and self._player.stopping and self._phase in PLAYING | MAKING_WAY:
             self._move(PhaseEvent.STOP, now_ns)
         self._queue.extendleft(reversed(steps))
 
     def _move(self, event: PhaseEvent, now_ns: int, text: str = "") -> None:
         self._phase = follow(self._phase, event)
         self._since_ns = now_ns
-        self._actions.append(ProgressStep("", "Mission", f"state:{self._phase}", text, self._playing))
+        self._step(f"state:{self._phase}", text)
+
+    def _step(self, event: str, text: str = "") -> None:
+        """Records a step of the mission as a whole."""
+        self._actions.append(ProgressStep("", "Mission", event, text, self.playing, self.epoch))
 
     def _start(self, result: BlockOutcome, text: str, now_ns: int) -> None:
         run, barriers = self._run, self._barriers
@@ -375,14 +394,14 @@ class MissionExecutor:
             return
         self._move(PhaseEvent.BEGIN, now_ns)
         barriers.expect_all(now_ns)
-        self._check_ns = now_ns + CHECK_NS
+        self._requirements.begin(now_ns)
         self._text = "running"
         self._play(run.mission, run.name, now_ns)
 
     def _play(self, mission: MissionDefinition, name: str, now_ns: int) -> None:
-        self._playing = name
+        self.playing = name
         self._ratios = {}
-        self._player = Player(mission, self._lookup, self._chance, self._tokens)
+        self._player = Player(mission, self._lookup, self._chance, self._commons.tokens)
         self._feed(self._player.start(now_ns), now_ns)
 
     def _leave_barrier(self, token: int, result: BlockOutcome, text: str, now_ns: int) -> None:
@@ -413,17 +432,17 @@ class MissionExecutor:
     ) -> None:
         """Ends what is played, then plays a built-in mission or becomes inactive."""
         self._ordered = ordered
-        if self._phase is MissionPhase.RECOVERING and then in {"", self._playing} and not again:
+        if self._phase is MissionPhase.RECOVERING and then in {"", self.playing} and not again:
             self._take_vehicle()
             return  # it already plays that one
-        if self._phase in PLAYING and self._player is not None:
+        if self._phase in PLAYING | MAKING_WAY and self._player is not None:
             self._recovery = then
             self._feed(self._player.stop(result, reason, now_ns), now_ns)
             return
         if self._phase is MissionPhase.ENDING:
             self._recovery = then or self._recovery
             return
-        if self._phase is MissionPhase.READY:
+        if self._phase in {MissionPhase.READY, MissionPhase.SUSPENDED}:
             self._withdraw(reason, now_ns)
         if then in self._playable:
             # no mission runs: only the built-in one is played
@@ -434,9 +453,9 @@ class MissionExecutor:
         """Withdraws an order before its mission has begun: nothing was played, so nothing is aborted."""
         if self._barriers is not None:
             self._barriers.withdraw(0)
-        self._text = f"{self._playing} was not started: {reason}"
+        self._text = f"{self.playing} was not started: {reason}"
         self._move(PhaseEvent.WITHDRAWN, now_ns, reason)
-        self._playing = ""
+        self.playing = ""
 
     def _end(self, result: PlayResult, reason: str, now_ns: int) -> None:
         """Handles the end of a play: plays a built-in mission or becomes inactive."""
@@ -448,17 +467,17 @@ class MissionExecutor:
             recovery = recovery or (
                 self._run.mission.on_failure if self._run and result is not PlayResult.DONE else ""
             )
-        if recovery in self._playable:
+        if recovery in self._playable and not self._discarded:
             self._recover(recovery, reason, now_ns)
             return
         if recovering and result is not PlayResult.DONE:
             # the vehicle could not be brought to safety
             self._verdict, self._reason = (
                 PhaseEvent.FAILED,
-                f"{self._playing}: {reason}; before: {self._reason}",
+                f"{self.playing}: {reason}; before: {self._reason}",
             )
         self._text = self._reason
-        self._playing = self._title
+        self.playing = self._title
         self._move(self._verdict, now_ns, self._text)
 
     def _recover(self, name: str, reason: str, now_ns: int) -> None:
@@ -469,20 +488,5 @@ class MissionExecutor:
 
     def _take_vehicle(self) -> None:
         """Asks for the vehicle, if it is driven by hand."""
-        if self._held_by:
+        if self._commons.held_by:
             self._actions.append(TakeVehicle(self._ordered))
-
-    def _check(self, now_ns: int) -> None:
-        if self._run is None:
-            return
-        unmet: list[str] = []
-        lookup = DelayedLookup(self._lookup, TURNS * self._delay.recent_ns(now_ns))
-        for condition in self._run.mission.requires:
-            holds = condition.holds(lookup)
-            misses = 0 if holds else self._misses.get(condition.text, 0) + 1
-            self._misses[condition.text] = misses
-            if holds is False or misses >= REQUIREMENT_MISSES:
-                unmet.append(condition.text)
-        self._unmet = tuple(unmet)
-        if unmet:
-            self._stop(PlayResult.FAILED, f"requirement {unmet[0]!r} is no longer met", "", now_ns)

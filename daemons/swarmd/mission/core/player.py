@@ -7,6 +7,7 @@ from typing import Final
 import msgspec
 
 from swarmd.mission.core.run import (
+    RESUMED,
     STARTED,
     CancelBlock,
     EnterBarrier,
@@ -14,6 +15,7 @@ from swarmd.mission.core.run import (
     PlayEnded,
     PlayerAction,
     PlayResult,
+    PlaySuspended,
     ProgressStep,
     StartBlock,
 )
@@ -25,7 +27,9 @@ from swarmware.mission.net import join_place
 from swarmware.mission.outcome import (
     ABANDONED,
     CANCELLED,
+    PREEMPTED,
     SUCCESS,
+    SUSPENDED,
     TIMED_OUT,
     UNKNOWN_VALUE,
     BlockOutcome,
@@ -41,17 +45,23 @@ class PlayerPhase(StrEnum):
 
     IDLE = "idle"
     RUNNING = "running"
+    SUSPENDING = "suspending"
+    """No further block begins; the cancelled blocks will continue later."""
+    SUSPENDED = "suspended"
     ENDING = "ending"
     """No further block begins; cancelled blocks have not ended yet."""
     OVER = "over"
 
 
-NEXT: Final = {
-    PlayerPhase.IDLE: PlayerPhase.RUNNING,
-    PlayerPhase.RUNNING: PlayerPhase.ENDING,
-    PlayerPhase.ENDING: PlayerPhase.OVER,
+NEXT: Final[dict[PlayerPhase, tuple[PlayerPhase, ...]]] = {
+    PlayerPhase.IDLE: (PlayerPhase.RUNNING,),
+    PlayerPhase.RUNNING: (PlayerPhase.SUSPENDING, PlayerPhase.ENDING),
+    PlayerPhase.SUSPENDING: (PlayerPhase.SUSPENDED, PlayerPhase.ENDING),
+    PlayerPhase.SUSPENDED: (PlayerPhase.RUNNING, PlayerPhase.ENDING),
+    PlayerPhase.ENDING: (PlayerPhase.OVER,),
+    PlayerPhase.OVER: (),
 }
-"""Transitions of the phases: each is entered at most once, in this order."""
+"""Phases that may follow each phase."""
 
 
 class _Running(msgspec.Struct):
@@ -62,6 +72,20 @@ class _Running(msgspec.Struct):
     deadline_ns: int | None
     result: BlockOutcome | None = None
     """Its result once it is cancelled; None: it runs."""
+    visit: int = 0
+    """Number of the visit, of a Barrier."""
+
+
+class _Parked(msgspec.Struct):
+    """A block that holds a token of a suspended mission."""
+
+    block: Block
+    result: BlockOutcome | None = None
+    """Its result, if it ended while the mission was being suspended."""
+    text: str = ""
+    visit: int = 0
+    remaining_ns: int | None = None
+    """Rest of a pause."""
 
 
 class Player:
@@ -85,6 +109,7 @@ class Player:
         self._actions: list[PlayerAction] = []
         """Actions that result from the current event."""
         self._running: dict[int, _Running] = {}
+        self._parked: list[_Parked] = []
         self._arrived: set[str] = set()
         self._visits: dict[str, int] = {}
         """Number of visits of each barrier, by its id."""
@@ -105,7 +130,10 @@ class Player:
     @property
     def active(self) -> tuple[str, ...]:
         """Blocks that hold a token and take time."""
-        return tuple(running.block.id for running in self._running.values())
+        return (
+            *(running.block.id for running in self._running.values()),
+            *(parked.block.id for parked in self._parked),
+        )
 
     @property
     def stopping(self) -> bool:
@@ -133,9 +161,56 @@ class Player:
 
     def stop(self, result: PlayResult, reason: str, now_ns: int) -> list[PlayerAction]:
         """Ends the mission early: cancels all running blocks."""
-        if self._phase is PlayerPhase.RUNNING:
+        if self._phase in {PlayerPhase.RUNNING, PlayerPhase.SUSPENDING, PlayerPhase.SUSPENDED}:
             self._end(result, reason, now_ns)
         return self._taken()
+
+    def suspend(self, now_ns: int) -> list[PlayerAction]:
+        """Stops all blocks, and keeps the tokens until `resume`."""
+        if self._phase is not PlayerPhase.RUNNING:
+            return self._taken()
+        self._move(PlayerPhase.SUSPENDING)
+        for running in list(self._running.values()):
+            if running.result is not None:
+                continue  # cancelled at its time-out, which stays its result
+            match running.block.type:
+                case BlockName.WAIT:
+                    rest_ns = (running.deadline_ns or now_ns) - now_ns
+                    self._park(running, None, remaining_ns=max(rest_ns, 0))
+                case BlockName.BARRIER:
+                    self._actions.append(LeaveBarrier(running.token))
+                    self._park(running, None)
+                case _:
+                    self._cancel(running, SUSPENDED, now_ns)
+        self._check_empty()
+        return self._taken()
+
+    def resume(self, now_ns: int) -> list[PlayerAction]:
+        """Continues after `suspend`: each block by its value of `resume`."""
+        self._move(PlayerPhase.RUNNING)
+        while self._parked and self._phase is PlayerPhase.RUNNING:
+            parked = self._parked.pop(0)
+            if parked.result is not None:
+                self._follow(parked.block, parked.result, parked.text, now_ns)
+            elif parked.block.resume in {"restart", "continue"}:
+                self._begin(parked.block, now_ns, parked)
+            else:
+                result = SUCCESS if parked.block.resume == "skip" else PREEMPTED
+                self._actions.append(ProgressStep(parked.block.id, parked.block.type, result.label))
+                self._follow(parked.block, result, "it was suspended", now_ns)
+        return self._taken()
+
+    def _park(
+        self,
+        running: _Running,
+        result: BlockOutcome | None,
+        text: str = "",
+        remaining_ns: int | None = None,
+    ) -> None:
+        self._running.pop(running.token, None)
+        self._parked.append(_Parked(running.block, result, text, running.visit, remaining_ns))
+        label = SUSPENDED.label if result is None else result.label
+        self._actions.append(ProgressStep(running.block.id, running.block.type, label, text))
 
     def advance(self, now_ns: int) -> list[PlayerAction]:
         """Handles the end of pauses, time-outs of blocks, and cancelled blocks that do not end."""
@@ -164,7 +239,7 @@ class Player:
         return actions
 
     def _move(self, phase: PlayerPhase) -> None:
-        if NEXT.get(self._phase) is not phase:
+        if phase not in NEXT[self._phase]:
             raise Conflict(f"play is {self._phase}: it cannot become {phase}")
         self._phase = phase
 
@@ -226,20 +301,24 @@ class Player:
                     return edge.outcome
         return SUCCESS
 
-    def _begin(self, block: Block, now_ns: int) -> None:
+    def _begin(self, block: Block, now_ns: int, parked: _Parked | None = None) -> None:
         if block.id in self.active:
             self._end(PlayResult.FAILED, f"{block.id} was entered again while it still ran", now_ns)
             return
         token = next(self._tokens)
         seconds = block.params.duration_s if isinstance(block.params, Wait) else block.timeout_s
-        deadline_ns = None if seconds is None else now_ns + round(seconds * 1e9)
-        self._actions.append(ProgressStep(block.id, block.type, STARTED))
+        lasts_ns = None if seconds is None else round(seconds * 1e9)
+        if parked is not None and parked.remaining_ns is not None and block.resume == "continue":
+            lasts_ns = parked.remaining_ns
+        deadline_ns = None if lasts_ns is None else now_ns + lasts_ns
+        self._actions.append(ProgressStep(block.id, block.type, STARTED if parked is None else RESUMED))
         if block.type == BlockName.BARRIER:
             # `Barriers` handles its time-out: it breaks the barrier for all members
             # blocks with the same id are visits of one barrier
             barrier = block.params.id if isinstance(block.params, Barrier) else block.id
-            visit = self._visits[barrier] = self._visits.get(barrier, 0) + 1
-            self._running[token] = _Running(block, token, None)
+            visit = self._visits.get(barrier, 0) + 1 if parked is None else parked.visit
+            self._visits[barrier] = visit
+            self._running[token] = _Running(block, token, None, visit=visit)
             self._actions.append(EnterBarrier(token, block, visit))
             return
         self._running[token] = _Running(block, token, deadline_ns)
@@ -248,11 +327,21 @@ class Player:
 
     def _leave(self, running: _Running, result: BlockOutcome, text: str, now_ns: int) -> None:
         block = running.block
+        if self._phase is PlayerPhase.SUSPENDING:
+            if running.result is not None and running.result != SUSPENDED:
+                result = running.result
+            self._park(running, None if result in {CANCELLED, SUSPENDED} else result, text)
+            self._check_empty()
+            return
         result = running.result or result
         self._actions.append(ProgressStep(block.id, block.type, result.label, text))
         if self._phase is PlayerPhase.ENDING:
             self._check_empty()
             return
+        self._follow(block, result, text, now_ns)
+
+    def _follow(self, block: Block, result: BlockOutcome, text: str, now_ns: int) -> None:
+        """Moves the token of a block that has ended on."""
         reason = f"{block.id} ended with {result.label}" + (f": {text}" if text else "")
         if result != SUCCESS:
             self._cause = reason
@@ -278,6 +367,7 @@ class Player:
         self._move(PlayerPhase.ENDING)
         self._ended = PlayEnded(result, reason)
         self._arrived.clear()
+        self._parked.clear()
         for running in list(self._running.values()):
             self._cancel(running, CANCELLED, now_ns)
         self._check_empty()
@@ -286,3 +376,6 @@ class Player:
         if not self._running and self._phase is PlayerPhase.ENDING:
             self._move(PlayerPhase.OVER)
             self._actions.append(self._ended)
+        elif not self._running and self._phase is PlayerPhase.SUSPENDING:
+            self._move(PlayerPhase.SUSPENDED)
+            self._actions.append(PlaySuspended())

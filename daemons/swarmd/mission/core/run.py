@@ -24,6 +24,9 @@ class Run(msgspec.Struct, frozen=True):
     members: tuple[Member, ...]
     reactions: tuple[ReactionRow, ...] = ()
     """Rows that precede those of the platform while the mission runs."""
+    priority: int = 0
+    by: str = ""
+    """Name of the sender of the order, or "" if it is not known."""
 
     def strict_barriers(self) -> frozenset[str]:
         """Ids of the barriers that name the role of a ground station, which must then be present."""
@@ -33,6 +36,9 @@ class Run(msgspec.Struct, frozen=True):
 
 
 PLAYING: Final = frozenset({MissionPhase.RUNNING, MissionPhase.RECOVERING})
+
+
+MAKING_WAY: Final = frozenset({MissionPhase.SUSPENDING, MissionPhase.SUSPENDED})
 
 
 class PhaseEvent(StrEnum):
@@ -47,6 +53,11 @@ class PhaseEvent(StrEnum):
     RECOVER = "recover"
     WITHDRAWN = "withdrawn"
     """The order is withdrawn before any member has begun."""
+    SUSPEND = "suspend"
+    """A run of higher priority, or a reaction, is to be played first."""
+    STOPPED = "stopped"
+    """All blocks of the suspended mission have ended."""
+    RESUME = "resume"
 
 
 TRANSITIONS: Final[dict[tuple[MissionPhase, PhaseEvent], MissionPhase]] = {
@@ -54,9 +65,20 @@ TRANSITIONS: Final[dict[tuple[MissionPhase, PhaseEvent], MissionPhase]] = {
     (MissionPhase.DONE, PhaseEvent.ORDER): MissionPhase.READY,
     (MissionPhase.FAILED, PhaseEvent.ORDER): MissionPhase.READY,
     (MissionPhase.ABORTED, PhaseEvent.ORDER): MissionPhase.READY,
+    # a requirement is no longer met when the turn of the mission has come
+    (MissionPhase.IDLE, PhaseEvent.WITHDRAWN): MissionPhase.IDLE,
     (MissionPhase.READY, PhaseEvent.BEGIN): MissionPhase.RUNNING,
     (MissionPhase.READY, PhaseEvent.WITHDRAWN): MissionPhase.IDLE,
     (MissionPhase.RUNNING, PhaseEvent.STOP): MissionPhase.ENDING,
+    (MissionPhase.RUNNING, PhaseEvent.SUSPEND): MissionPhase.SUSPENDING,
+    (MissionPhase.SUSPENDING, PhaseEvent.STOPPED): MissionPhase.SUSPENDED,
+    (MissionPhase.SUSPENDING, PhaseEvent.STOP): MissionPhase.ENDING,
+    (MissionPhase.SUSPENDED, PhaseEvent.RESUME): MissionPhase.RUNNING,
+    (MissionPhase.SUSPENDED, PhaseEvent.STOP): MissionPhase.ENDING,
+    # a mission that waits at the common start makes way without having begun
+    (MissionPhase.READY, PhaseEvent.SUSPEND): MissionPhase.SUSPENDED,
+    (MissionPhase.SUSPENDED, PhaseEvent.ORDER): MissionPhase.READY,
+    (MissionPhase.SUSPENDED, PhaseEvent.WITHDRAWN): MissionPhase.IDLE,
     (MissionPhase.RECOVERING, PhaseEvent.STOP): MissionPhase.ENDING,
     (MissionPhase.ENDING, PhaseEvent.DONE): MissionPhase.DONE,
     (MissionPhase.ENDING, PhaseEvent.FAILED): MissionPhase.FAILED,
@@ -117,6 +139,8 @@ class LeaveBarrier(msgspec.Struct, frozen=True):
     token: int
 
 
+RESUMED: Final = "resumed"
+"""Event of a block that continues after its mission was suspended."""
 STARTED: Final = "started"
 """Event of a block that begins."""
 
@@ -131,6 +155,12 @@ class ProgressStep(msgspec.Struct, frozen=True):
     text: str = ""
     mission: str = ""
     """Name of the mission that is played, perhaps a built-in one."""
+    epoch: int = 0
+    """Run of the step, or 0 without a run."""
+
+
+class PlaySuspended(msgspec.Struct, frozen=True):
+    """No block of the suspended play runs any more."""
 
 
 class PlayEnded(msgspec.Struct, frozen=True):
@@ -153,6 +183,8 @@ class TakeVehicle(msgspec.Struct, frozen=True):
     """By an operator; otherwise only a vehicle that no operator drives is taken."""
 
 
-PlayerAction = StartBlock | CancelBlock | EnterBarrier | LeaveBarrier | ProgressStep | PlayEnded
+PlayerAction = (
+    StartBlock | CancelBlock | EnterBarrier | LeaveBarrier | ProgressStep | PlaySuspended | PlayEnded
+)
 Action = StartBlock | CancelBlock | ProgressStep | Announce | TakeVehicle
 """Actions for the shell; the executor handles barriers and ends itself."""
