@@ -294,6 +294,8 @@ def _telegraphic(path: Path) -> Iterator[tuple[int, str, str]]:
     source = path.read_text("utf-8")
     if path.suffix != ".py":
         source = re.sub(r"`[^`\n]*`", "` `", source)  # quoted code and examples
+    if not any(pattern.search(source) for pattern in GRAMMAR):
+        return  # to split a file into its strings and comments takes much longer than to search it
     for begin, text in prose(source) if path.suffix == ".py" else [(1, source)]:
         if path.is_relative_to(ROOT / "tests") and not text.startswith(('"""', "#")):
             continue  # data of a test
@@ -319,8 +321,9 @@ def _uses(path: Path) -> Iterator[tuple[str, int, str]]:
             ):  # of a file object; at_least, at_most
                 continue
             yield from ((word, line, identifier) for word, form in ONE_WORD.items() if form.fullmatch(part))
-    for line, text in prose(source):
-        yield from found_in(line, text)
+    if ANY_IN_PROSE.search(source):
+        for line, text in prose(source):
+            yield from found_in(line, text)
 
 
 def found_in(line: int, text: str) -> Iterator[tuple[str, int, str]]:
