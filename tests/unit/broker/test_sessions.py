@@ -212,3 +212,13 @@ def test_node_offers_itself_to_new_sessions_only() -> None:
     assert other.hear((A, 7, (again,)), 5 * MS).soon
     assert other.sessions.waiting
     assert not other.meets()
+
+
+def test_own_session_is_proven_to_restarted_neighbour_at_once() -> None:
+    sessions = Sessions(B, 20, connections=True)
+    answer, prove = (SessionCheck(kind, B, digest(20)) for kind in (CheckKind.ANSWER, CheckKind.PROVE))
+    assert sessions.on_datagram(A, 10, (answer, prove), 0).prove
+    assert not sessions.on_datagram(A, 10, (prove,), 100 * MS).prove, "a moment ago"
+    assert not sessions.on_datagram(A, 11, (answer, prove), 150 * MS).accepted
+    sessions.on_proof(A, 11, 160 * MS)
+    assert sessions.on_datagram(A, 11, (prove,), 200 * MS).prove, "the new session has no proof yet"

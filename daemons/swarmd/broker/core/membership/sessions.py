@@ -131,13 +131,22 @@ class _PendingSession:
 
 
 class _CurrentSession:
-    __slots__ = ("proven", "received_ns", "session")
+    __slots__ = ("proved_ns", "proven", "received_ns", "session")
 
     def __init__(self, session: int, proven: bool, now_ns: int) -> None:
         self.session = session
         self.proven = proven
         """Proven over a connection; any member could send an answer."""
         self.received_ns = now_ns
+        self.proved_ns = NEVER_NS
+        """When the own session was proven to it last."""
+
+    def may_prove(self, now_ns: int) -> bool:
+        """Whether the own session is proven to it now: its questions cannot cause a flood of proofs."""
+        if now_ns - self.proved_ns < PROVE_NS:
+            return False
+        self.proved_ns = now_ns
+        return True
 
 
 class Sessions:
@@ -156,7 +165,6 @@ class Sessions:
         self._claims: dict[tuple[int, int], _PendingSession] = {}
         self._answers: dict[int, int] = {}
         self._questions: dict[int, SessionCheck] = {}
-        self._proved_ns: dict[int, int] = {}
         self.meets = False
         """Whether the next beacon answers the question of a session that was not accepted when it came."""
 
@@ -204,8 +212,8 @@ class Sessions:
             # another computer with our name; a replay of our former session cannot answer
             self._answer(hw, session)
             return SessionOutcome(False, soon=True, duplicate=answered)
-        if is_present:
-            return SessionOutcome(True, soon=soon, prove=prove and self._may_prove(hw, now_ns))
+        if present is not None and is_present:
+            return SessionOutcome(True, soon=soon, prove=prove and present.may_prove(now_ns))
         # another session than the accepted one; a restart, a second computer, or a replay
         claim = self._claim(hw, session, now_ns)
         claim.received_ns = now_ns
@@ -213,8 +221,8 @@ class Sessions:
         claim.answered = claim.answered or answered
         # as long as it is only a claim, the accepted session stays as it is
         if self._may_follow(present, claim, now_ns):
-            self._adopt(hw, claim, now_ns, has_hello=answered)
-            return SessionOutcome(True, adopted=True, soon=True, prove=prove and self._may_prove(hw, now_ns))
+            adopted = self._adopt(hw, claim, now_ns, has_hello=answered)
+            return SessionOutcome(True, adopted=True, soon=True, prove=prove and adopted.may_prove(now_ns))
         duplicate = self._is_duplicate(present, claim)
         asked = self._ask(hw, claim, present is not None, now_ns)
         return SessionOutcome(False, soon=soon or asked, duplicate=duplicate)
@@ -261,12 +269,6 @@ class Sessions:
         if len(self._answers) < CLAIMS_MAX:
             self._answers[hw] = digest(session)
 
-    def _may_prove(self, hw: int, now_ns: int) -> bool:
-        if now_ns - self._proved_ns.get(hw, NEVER_NS) < PROVE_NS:
-            return False
-        self._proved_ns[hw] = now_ns
-        return True
-
     def _claim(self, hw: int, session: int, now_ns: int) -> _PendingSession:
         claim = self._claims.get((hw, session))
         if claim is None:
@@ -297,18 +299,18 @@ class Sessions:
             return False
         return claim.proven if self._connections else claim.answered
 
-    def _adopt(self, hw: int, claim: _PendingSession, now_ns: int, *, has_hello: bool) -> None:
+    def _adopt(self, hw: int, claim: _PendingSession, now_ns: int, *, has_hello: bool) -> _CurrentSession:
         if len(self._present) >= PRESENT_MAX:
             longest = min(self._present, key=lambda key: self._present[key].received_ns)
             del self._present[longest]
-            self._proved_ns.pop(longest, None)
-        self._present[hw] = _CurrentSession(claim.session, claim.proven, now_ns)
+        adopted = self._present[hw] = _CurrentSession(claim.session, claim.proven, now_ns)
         for key in [key for key in self._claims if key[0] == hw]:
             del self._claims[key]
         self._questions.pop(hw, None)
         # without a hello the name and clock of the new session are unknown; one more question brings it
         if not has_hello:  # an answer comes with one
             self._questions[hw] = SessionCheck(CheckKind.QUESTION, hw, digest(claim.session))
+        return adopted
 
     def _ask(self, hw: int, claim: _PendingSession, prove: bool, now_ns: int) -> bool:
         """Asks about a session; whether that triggers a beacon."""

@@ -109,6 +109,14 @@ class _Shown(msgspec.Struct, gc=False):
     port: int = 0
 
 
+class _Offer(msgspec.Struct, frozen=True, gc=False):
+    """The last offer of the roster to a node that missed a rotation."""
+
+    at_ns: int
+    by_former_key: bool
+    """For a key that was replaced; the next offer is for the present key."""
+
+
 class RosterExchange:
     """Version of the roster at this node and at its neighbours, and the messages between them."""
 
@@ -128,9 +136,8 @@ class RosterExchange:
         self._whole = False
         """A difference did not fit: ask for the whole roster."""
         self._answered_ns: dict[int, int] = {}
-        self._offered_ns: dict[int, int] = {}
-        self._asked_former: set[int] = set()
-        """Nodes whose last offer was for a key that was replaced; the next one is for the present key."""
+        self._offers: dict[int, _Offer] = {}
+        """Last offers to nodes that missed a rotation, which are no neighbours yet."""
         self._revoked_platforms: frozenset[str] = frozenset()
         self._excluded: set[int] = set()
         self._exclude()
@@ -195,7 +202,8 @@ class RosterExchange:
 
     def is_offer_due(self, hw: int, now_ns: int) -> bool:
         """Whether nothing was offered to this node in the last seconds."""
-        return now_ns - self._offered_ns.get(hw, NEVER_NS) >= OFFER_NS
+        offer = self._offers.get(hw)
+        return offer is None or now_ns - offer.at_ns >= OFFER_NS
 
     def on_late(
         self, hw: int, name: str, version: int, host: str, port: int, now_ns: int
@@ -212,15 +220,14 @@ class RosterExchange:
             return []
         # ids can be invented by a holder of the former key, so the table is emptied when it is larger than
         # the swarm
-        if len(self._offered_ns) > len(self._roster.members):
-            self._offered_ns.clear()
-            self._asked_former.clear()
-        self._offered_ns[hw] = now_ns
+        if len(self._offers) > len(self._roster.members):
+            self._offers.clear()
+        last = self._offers.get(hw)
         former = [each for each in self._roster.members if each.platform == platform and each != member]
-        if member is None or (former and hw not in self._asked_former):
-            self._asked_former.add(hw)
+        by_former_key = member is None or (bool(former) and (last is None or not last.by_former_key))
+        self._offers[hw] = _Offer(now_ns, by_former_key)
+        if by_former_key:
             return self._for_revoked(hw, former, version, host, port)
-        self._asked_former.discard(hw)
         return [
             SendRoster(hw, platform, roster_update.encode(RosterOffer(self.version, self.port)), host, port)
         ]
