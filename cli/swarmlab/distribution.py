@@ -10,7 +10,7 @@ from swarmctl.terminal.output import Output
 from swarmctl.terminal.table import Detail, rows_of
 from swarmlab import experiment
 from swarmlab.measure.clocks import ClockTruth
-from swarmlab.measure.path_difference import Flown, PathDifference, difference
+from swarmlab.measure.path_difference import PathDifference, VehicleRun, difference
 from swarmlab.measure.recording import TRUTH, Recording
 from swarmlab.measure.tracks import Floats, VehicleTrack
 from swarmlab.provision import prerequisites
@@ -105,7 +105,7 @@ class DistributionReport(msgspec.Struct, frozen=True):
 
 
 class _Run(msgspec.Struct, frozen=True):
-    flown: dict[str, Flown]
+    flown: dict[str, VehicleRun]
     units: dict[str, tuple[str, ...]]
     collisions: dict[str, int]
     delays_ms: dict[tuple[str, str, str], list[float]]
@@ -187,7 +187,7 @@ def _read(running: RunningLab, course: MissionRun, logs: Path) -> _Run:
     hardware, mission = recording(HARDWARE, TRUTH, COLLISION, *boards), recording(MAIN, STATE)
     of_unit = {HARDWARE: hardware, "nav": recording("nav", *boards)}
     flown = {
-        platform: Flown(
+        platform: VehicleRun(
             _after_command(hardware.track(platform)),
             phases(mission.values(platform, STATE, MissionState)),
         )

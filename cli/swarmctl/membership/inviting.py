@@ -74,7 +74,7 @@ def invite_nodes(out: Output, root_dir: Path | None, plan: InvitationPlan) -> No
     if plan.file:
         _to_file(out, folder, plan)
     else:
-        asyncio.run(_Gate(out, folder, root, plan).run())
+        asyncio.run(_Admission(out, folder, root, plan).run())
 
 
 def check_plan(plan: InvitationPlan) -> None:
@@ -92,7 +92,7 @@ def check_plan(plan: InvitationPlan) -> None:
         raise InvalidInput(f"--file: {len(plan.platforms)} platforms; expected one for each file")
 
 
-class _Gate:
+class _Admission:
     """Admits the nodes of the open invitations."""
 
     def __init__(self, out: Output, folder: RootFolder, root: Root, plan: InvitationPlan) -> None:

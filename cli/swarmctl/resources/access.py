@@ -69,7 +69,7 @@ class Readings(msgspec.Struct, frozen=True):
     values: list[ResourceReading]
 
 
-class Written(msgspec.Struct, frozen=True):
+class WriteResult(msgspec.Struct, frozen=True):
     """A value that was set."""
 
     path: str
@@ -148,7 +148,7 @@ async def read_all(
     return readings, [error for error in found if isinstance(error, SwarmError)]
 
 
-async def write(session: Session, path: str, text: str, version: int | None = None) -> Written:
+async def write(session: Session, path: str, text: str, version: int | None = None) -> WriteResult:
     """Sets a resource, or a field of it, to what an operator typed.
 
     Raises: NotFound, NoAnswer, Denied, TypeMismatch, OutOfRange, Conflict when the version is another.
@@ -164,11 +164,11 @@ async def _ask_owner(session: Session, verb: str, path: str, request: msgspec.St
     return await session.ask(join(platform, paths.tree_request(verb)), request, TreeSetDone, about=path)
 
 
-async def _written(session: Session, done: TreeSetDone) -> Written:
+async def _written(session: Session, done: TreeSetDone) -> WriteResult:
     platform = split(done.path)[0] or session.here
     cls = await payload_class(session, platform, done.type)
     value = decoded(cls, done.data)
-    return Written(done.path, done.type, value, done.version, done.applied_by, done.awaited)
+    return WriteResult(done.path, done.type, value, done.version, done.applied_by, done.awaited)
 
 
 async def set_resource(session: Session, path: str, text: str, *, version: int | None, yes: bool) -> None:
@@ -187,7 +187,7 @@ async def set_resource(session: Session, path: str, text: str, *, version: int |
     done.check_applied()
 
 
-async def undo(session: Session, path: str) -> Written:
+async def undo(session: Session, path: str) -> WriteResult:
     """Restores the value that a setting had before its last change.
 
     Raises: NotFound when it was not changed, InvalidInput when it is not a setting, NoAnswer, Denied.
@@ -196,7 +196,7 @@ async def undo(session: Session, path: str) -> Written:
     return await _written(session, done)
 
 
-async def reset(session: Session, path: str) -> Written:
+async def reset(session: Session, path: str) -> WriteResult:
     """Removes the override of a setting: its file, else its default, is in force.
 
     Raises: NotFound, InvalidInput when it is not a setting, NoAnswer, Denied.

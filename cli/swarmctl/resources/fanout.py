@@ -34,7 +34,7 @@ async def read_boards(
     """The newest value of a board of each platform: from a mirror if there is one, else from its owner.
 
     `fresh`: ask the owner at once, for boards without a subscriber, which have no mirror. A platform
-    without a route gets an error; `last_words` has its last values.
+    without a route gets an error; `last_values` has its last values.
     """
 
     async def one(platform: str) -> R | SwarmError:

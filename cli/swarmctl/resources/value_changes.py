@@ -5,7 +5,7 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from swarmctl.resources.access import Written, write
+from swarmctl.resources.access import WriteResult, write
 from swarmctl.resources.values import brief
 from swarmctl.session.session import Session
 from swarmware.errors import InvalidInput, Partial, SwarmError
@@ -70,5 +70,5 @@ async def set_all(session: Session, changes: Iterable[ValueChange]) -> None:
             raise
 
 
-async def _set(session: Session, path: str, value: Any) -> Written:
+async def _set(session: Session, path: str, value: Any) -> WriteResult:
     return await write(session, path, msgspec.json.encode(value).decode())

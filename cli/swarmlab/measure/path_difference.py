@@ -33,7 +33,7 @@ class PathDifference(msgspec.Struct, frozen=True):
     phases: tuple[PhaseDifference, ...]
 
 
-class Flown(NamedTuple):
+class VehicleRun(NamedTuple):
     """One run of a vehicle."""
 
     track: VehicleTrack
@@ -41,7 +41,7 @@ class Flown(NamedTuple):
     """Begin of each phase of its mission, in their order, since the command."""
 
 
-def difference(one: Flown, other: Flown) -> tuple[PathDifference, Floats, Floats] | None:
+def difference(one: VehicleRun, other: VehicleRun) -> tuple[PathDifference, Floats, Floats] | None:
     """The difference, instants of the first path, and its distance to the second one at each.
 
     None: a path is missing, or the runs have no common phase. Units: seconds and metres.
@@ -67,7 +67,7 @@ def difference(one: Flown, other: Flown) -> tuple[PathDifference, Floats, Floats
     return found, times_s, to_other
 
 
-def _by_phase(one: Flown, other: Flown) -> tuple[tuple[PhaseDifference, ...], Floats]:
+def _by_phase(one: VehicleRun, other: VehicleRun) -> tuple[tuple[PhaseDifference, ...], Floats]:
     """Difference in each common phase, and all distances at the same time since its begin."""
     common = [phase for phase in one.phases if phase in other.phases]
     phases, distances = [], [np.empty(0)]

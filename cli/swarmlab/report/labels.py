@@ -33,7 +33,7 @@ class LabelBox(msgspec.Struct, frozen=True):
         )
 
 
-class Placed(msgspec.Struct, frozen=True):
+class PlacedLabel(msgspec.Struct, frozen=True):
     """A label with its place: the left end of its baseline."""
 
     text: str
@@ -62,9 +62,9 @@ def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list
     return places
 
 
-def around(points: Iterable[tuple[str, float, float]], size: float, area: LabelBox) -> list[Placed]:
+def around(points: Iterable[tuple[str, float, float]], size: float, area: LabelBox) -> list[PlacedLabel]:
     """Labels beside their points, inside the area; a label without a free place is left out."""
-    taken: list[Placed] = []
+    taken: list[PlacedLabel] = []
     for text, x, y in points:
         for dx, dy in _ROUND:
             wide = width(text, size)
@@ -78,6 +78,6 @@ def around(points: Iterable[tuple[str, float, float]], size: float, area: LabelB
                 and box.bottom <= area.bottom
             )
             if inside and not any(box.overlaps(other.box) for other in taken):
-                taken.append(Placed(text, left, base, box))
+                taken.append(PlacedLabel(text, left, base, box))
                 break
     return taken

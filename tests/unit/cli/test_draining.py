@@ -14,7 +14,7 @@ from tests.unit.tree.neighbours import neighbour
 from swarmctl.commands.node import draining
 from swarmctl.commands.node.identity import show_node
 from swarmctl.main import main as swarmctl
-from swarmctl.resources.last_words import last_words
+from swarmctl.resources.last_values import last_values
 from swarmctl.vehicles.observer import VehicleResult
 from swarmware.errors import NoAnswer, NotFound
 from swarmware.model.platform_kind import PlatformKind
@@ -187,7 +187,7 @@ async def test_unanswering_node_is_shown_with_last_state(route: bool, kept: bool
 @pytest.mark.parametrize(("silent_s", "since_s"), [(None, 12.5), (3.0, 3.0), (40.0, 12.5)])
 async def test_vehicle_is_lost_since_its_last_beacon(silent_s: float | None, since_s: float) -> None:
     session = Silent(route=False, silent_s=silent_s)
-    assert (await last_words(session, "uav1")).seen_s == since_s
+    assert (await last_values(session, "uav1")).seen_s == since_s
 
 
 async def test_document_of_node_has_one_form() -> None:

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from swarmlab.distribution import DistributionReport, InputDelay, VehicleDifference, phases
-from swarmlab.measure.path_difference import Flown, PathDifference, difference
+from swarmlab.measure.path_difference import PathDifference, VehicleRun, difference
 from swarmlab.measure.tracks import VehicleTrack
 from swarmware.types.mission import MissionPhase, MissionState
 
 
-def flown(start_s: float, *, aside_m: float = 0.0, end_s: float = 20.0, wait_s: float = 0.0) -> Flown:
+def flown(start_s: float, *, aside_m: float = 0.0, end_s: float = 20.0, wait_s: float = 0.0) -> VehicleRun:
     """At rest until the start, then to the east for 5 s, a pause, and to the north."""
     t_s = np.arange(0.0, end_s, 0.05)
     east_s = np.clip(t_s - start_s, 0.0, 5.0)
@@ -17,10 +17,10 @@ def flown(start_s: float, *, aside_m: float = 0.0, end_s: float = 20.0, wait_s: 
     north_s = np.clip(t_s - turn_s, 0.0, None)
     xyz_m = np.stack([east_s**1.5, north_s + aside_m, np.zeros_like(t_s)], axis=1)
     track = VehicleTrack("uav1", t_s, xyz_m, np.zeros_like(t_s))
-    return Flown(track, {"east": start_s, "north": turn_s})
+    return VehicleRun(track, {"east": start_s, "north": turn_s})
 
 
-def compared(one: Flown, other: Flown) -> PathDifference:
+def compared(one: VehicleRun, other: VehicleRun) -> PathDifference:
     found = difference(one, other)
     assert found is not None
     return found[0]
@@ -38,7 +38,7 @@ def test_later_phase_equals_and_path_aside_differs() -> None:
 
 def test_vehicle_late_within_phase_differs_in_time() -> None:
     one = flown(2.0)
-    late = Flown(flown(2.5).track, one.phases)
+    late = VehicleRun(flown(2.5).track, one.phases)
     found = compared(one, late)
     assert found.rms_m < 0.1
     assert found.same_time_rms_m > 0.4
@@ -46,10 +46,10 @@ def test_vehicle_late_within_phase_differs_in_time() -> None:
 
 def test_a_missing_path_or_phase_has_no_difference() -> None:
     empty = VehicleTrack("uav1", np.empty(0), np.empty((0, 3)), np.empty(0))
-    nothing = Flown(empty, {})
+    nothing = VehicleRun(empty, {})
     assert difference(flown(1.0), nothing) is None
     assert difference(nothing, flown(1.0)) is None
-    assert difference(flown(1.0), Flown(flown(1.0).track, {"elsewhere": 1.0})) is None
+    assert difference(flown(1.0), VehicleRun(flown(1.0).track, {"elsewhere": 1.0})) is None
 
 
 def test_phase_is_sole_active_block_after_command() -> None:

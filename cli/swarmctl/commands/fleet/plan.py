@@ -57,7 +57,7 @@ ABSENT: Final = HostStatus()
 """Status of a host without Swarmware."""
 
 
-class Wanted(msgspec.Struct, frozen=True):
+class HostTarget(msgspec.Struct, frozen=True):
     """Target state of a host."""
 
     goal: FleetGoal
@@ -69,7 +69,7 @@ class Wanted(msgspec.Struct, frozen=True):
     """Wait until the data of the node are synchronised with the operator's node."""
 
 
-def next_step(wanted: Wanted, seen: HostStatus, done: Collection[Step]) -> Step | None:
+def next_step(wanted: HostTarget, seen: HostStatus, done: Collection[Step]) -> Step | None:
     """The next step towards the goal, or None if it is reached. `done`: steps of this call.
 
     Raises: Conflict and NotFound when the goal cannot be reached from here; SwarmError when a step that
@@ -81,7 +81,7 @@ def next_step(wanted: Wanted, seen: HostStatus, done: Collection[Step]) -> Step 
     return step
 
 
-def _next(wanted: Wanted, seen: HostStatus, done: Collection[Step]) -> Step | None:
+def _next(wanted: HostTarget, seen: HostStatus, done: Collection[Step]) -> Step | None:
     match wanted.goal:
         case FleetGoal.DOWN:
             return Step.STOP if seen.running or seen.resume else None
@@ -93,7 +93,7 @@ def _next(wanted: Wanted, seen: HostStatus, done: Collection[Step]) -> Step | No
             return _up(wanted, seen, done)
 
 
-def _push(wanted: Wanted, seen: HostStatus, done: Collection[Step]) -> Step | None:
+def _push(wanted: HostTarget, seen: HostStatus, done: Collection[Step]) -> Step | None:
     if wanted.wheel and seen.wheel != wanted.wheel:
         if seen.running:
             raise Conflict(
@@ -105,7 +105,7 @@ def _push(wanted: Wanted, seen: HostStatus, done: Collection[Step]) -> Step | No
     return Step.PUSH if seen.config != wanted.config else None
 
 
-def _up(wanted: Wanted, seen: HostStatus, done: Collection[Step]) -> Step | None:
+def _up(wanted: HostTarget, seen: HostStatus, done: Collection[Step]) -> Step | None:
     if not seen.installed:
         raise NotFound("Swarmware is not installed; `fleet push --wheel FILE` installs it")
     if not seen.configured:
@@ -115,7 +115,7 @@ def _up(wanted: Wanted, seen: HostStatus, done: Collection[Step]) -> Step | None
     return Step.SYNCHRONISE if wanted.synchronise and Step.SYNCHRONISE not in done else None
 
 
-def _upgrade(wanted: Wanted, seen: HostStatus, done: Collection[Step]) -> Step | None:
+def _upgrade(wanted: HostTarget, seen: HostStatus, done: Collection[Step]) -> Step | None:
     if seen.wheel != wanted.wheel:
         if Step.UPLOAD not in done:
             return Step.UPLOAD

@@ -169,7 +169,7 @@ class Remote:
         return status_of(done)
 
 
-def status_of(done: ssh.Finished) -> HostStatus:
+def status_of(done: ssh.SshResult) -> HostStatus:
     """The status that the agent printed.
 
     Raises: SwarmError that it reported, of its class; or with the end of stderr when it printed none.

@@ -5,7 +5,15 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from swarmctl.commandline.settings import CliSettings
-from swarmctl.commands.fleet.plan import FleetGoal, FleetStep, HostState, HostStatus, Step, Wanted, next_step
+from swarmctl.commands.fleet.plan import (
+    FleetGoal,
+    FleetStep,
+    HostState,
+    HostStatus,
+    HostTarget,
+    Step,
+    next_step,
+)
 from swarmctl.commands.fleet.progress import FleetProgress
 from swarmctl.commands.fleet.remote import Remote, Wheel
 from swarmctl.commands.fleet.synchronisation import Synchronisation, synchronisation
@@ -85,7 +93,7 @@ class FleetRun:
     async def _steps(self, host: FleetHost, done: list[Step], show: Callable[[FleetStep], None]) -> None:
         """Raises: SwarmError and OSError of the step that failed."""
         remote = Remote(host, self._out.settings.timeout_s, self._wait_s, force=self._force)
-        wanted = Wanted(
+        wanted = HostTarget(
             self._goal,
             self._wheel.sum if self._wheel is not None else "",
             digest(files(host)) if self._goal is FleetGoal.PUSH else "",

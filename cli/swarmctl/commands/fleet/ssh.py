@@ -21,7 +21,7 @@ LINE_BYTES: Final = 1 << 20
 _REFUSED: Final = ("permission denied", "host key verification failed", "host identification has changed")
 
 
-class Finished(msgspec.Struct, frozen=True):
+class SshResult(msgspec.Struct, frozen=True):
     """A command that has ended on a host."""
 
     code: int
@@ -58,7 +58,7 @@ def command_line(host: FleetHost, words: Sequence[str], connect_s: float) -> lis
 
 async def run(
     host: FleetHost, words: Sequence[str], connect_s: float, stdin: bytes | None = None
-) -> Finished:
+) -> SshResult:
     """Run a command on a host to its end; a cancelled call ends the command.
 
     Raises: NoAnswer when the host is not reached, Denied when it refuses the connection or is not known.
@@ -67,7 +67,7 @@ async def run(
     child = await _child(line, stdin=DEVNULL if stdin is None else PIPE)
     async with _ended(child):
         stdout, stderr = await child.communicate(stdin)
-    done = Finished(child.returncode or 0, stdout, stderr.decode("utf-8", "replace").strip())
+    done = SshResult(child.returncode or 0, stdout, stderr.decode("utf-8", "replace").strip())
     _check(done.code, done.stderr)
     return done
 

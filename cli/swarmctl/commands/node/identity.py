@@ -2,7 +2,7 @@
 
 import msgspec
 
-from swarmctl.resources.last_words import LastWords, last_words
+from swarmctl.resources.last_values import LastValues, last_values
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import spoken
 from swarmctl.terminal.table import Cell, Column
@@ -28,7 +28,7 @@ class ShownNode(msgspec.Struct, frozen=True):
     processes: str | None = None
     reason: str = ""
     """Why the node does not answer, or "" if it does."""
-    last: LastWords | None = None
+    last: LastValues | None = None
     """Last known state, or null if the node answers."""
 
 
@@ -66,15 +66,15 @@ async def show_node(session: Session) -> None:
 
 async def _show_lost(session: Session, reason: str) -> None:
     """Prints the last known state of a platform that does not answer."""
-    words = await last_words(session, session.platform)
+    values = await last_values(session, session.platform)
     if session.settings.structured:
-        kind = str(words.mission.kind) if words.mission is not None and words.mission.kind else None
-        session.out.document(ShownNode(words.platform, False, kind=kind, reason=reason, last=words))
+        kind = str(values.mission.kind) if values.mission is not None and values.mission.kind else None
+        session.out.document(ShownNode(values.platform, False, kind=kind, reason=reason, last=values))
         return
-    if words.seen_s is None:
+    if values.seen_s is None:
         return
-    pose, vehicle, battery, mission = words.pose, words.vehicle, words.battery, words.mission
-    rows: list[tuple[Cell, ...]] = [("platform", words.platform), ("lost", f"{spoken(words.seen_s)} ago")]
+    pose, vehicle, battery, mission = values.pose, values.vehicle, values.battery, values.mission
+    rows: list[tuple[Cell, ...]] = [("platform", values.platform), ("lost", f"{spoken(values.seen_s)} ago")]
     if pose is not None:
         rows += [
             ("position", f"{pose.x_m:.1f} m east, {pose.y_m:.1f} m north"),

@@ -7,7 +7,7 @@ import msgspec
 from swarmctl.commandline.nodes import names_one
 from swarmctl.commands.node.sync import NodeSync, synchronisation
 from swarmctl.resources.fanout import ask_all, read_boards, warn_errors
-from swarmctl.resources.last_words import last_words
+from swarmctl.resources.last_values import last_values
 from swarmctl.resources.platform_health import platform_health
 from swarmctl.session.session import Session
 from swarmctl.terminal.quantities import spoken
@@ -74,15 +74,15 @@ async def overview(session: Session) -> tuple[list[NodeOverview], dict[str, Swar
     )
     away = [name for name in asked if name != session.here and name not in ways]
     lost = {
-        words.platform: words for words in await asyncio.gather(*(last_words(session, name) for name in away))
+        last.platform: last for last in await asyncio.gather(*(last_values(session, name) for name in away))
     }
     nodes = []
     for name in asked:
         vehicle, pose, battery = vehicles.get(name), poses.get(name), batteries.get(name)
         control = controls.get(name)
-        words = lost.get(name)
-        if words is not None:
-            vehicle, pose, battery = words.vehicle, words.pose, words.battery
+        last = lost.get(name)
+        if last is not None:
+            vehicle, pose, battery = last.vehicle, last.pose, last.battery
         nodes.append(
             NodeOverview(
                 name,
@@ -90,12 +90,12 @@ async def overview(session: Session) -> tuple[list[NodeOverview], dict[str, Swar
                 infos.get(name),
                 ways.get(name),
                 healths.get(name),
-                words.mission if words else missions.get(name),
-                control.mode if control and words is None else vehicle.mode if vehicle else None,
+                last.mission if last else missions.get(name),
+                control.mode if control and last is None else vehicle.mode if vehicle else None,
                 vehicle.armed if vehicle else None,
                 round(pose.z_m, 2) if pose else None,
                 round(battery.remaining_ratio, 3) if battery else None,
-                words.seen_s if words else None,
+                last.seen_s if last else None,
                 syncs.get(name),
                 units.get(name, ()),
             )

@@ -36,7 +36,7 @@ class ValuesToPublish(msgspec.Struct, frozen=True):
     """Time for which the resource remains after the last value."""
 
 
-class Published(msgspec.Struct, frozen=True):
+class PublishedValues(msgspec.Struct, frozen=True):
     """Values that were published."""
 
     path: str
@@ -154,7 +154,7 @@ async def _repeat(
         await until(clock, last_ns + round(wanted.hold_s * 1e9))
     finally:
         resource = writer.resource
-        done = Published(full, resource.kind, resource.type, values, (last_ns - began_ns) / 1e9)
+        done = PublishedValues(full, resource.kind, resource.type, values, (last_ns - began_ns) / 1e9)
         if session.settings.structured:
             session.out.document(done)
         else:

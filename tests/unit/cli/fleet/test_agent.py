@@ -128,8 +128,8 @@ def test_an_armed_vehicle_is_stopped_by_force_only(
 
 
 def test_error_on_host_has_same_exit_code_here() -> None:
-    def printed(text: bytes, code: int = 0, stderr: str = "") -> ssh.Finished:
-        return ssh.Finished(code, text, stderr)
+    def printed(text: bytes, code: int = 0, stderr: str = "") -> ssh.SshResult:
+        return ssh.SshResult(code, text, stderr)
 
     good = remote.status_of(printed(b'{"installed": true, "from a later version": 1}'))
     assert good.installed

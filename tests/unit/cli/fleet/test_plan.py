@@ -4,7 +4,7 @@ import msgspec
 import pytest
 
 from swarmctl.commands.fleet.listing import config_state, state_text
-from swarmctl.commands.fleet.plan import ABSENT, FleetGoal, HostStatus, Step, Wanted, next_step
+from swarmctl.commands.fleet.plan import ABSENT, FleetGoal, HostStatus, HostTarget, Step, next_step
 from swarmware.errors import Conflict, NotFound, SwarmError
 
 BARE = HostStatus(installed=True, version="1", wheel="old")
@@ -22,34 +22,34 @@ def after(status: HostStatus, **change: object) -> HostStatus:
 @pytest.mark.parametrize(
     ("wanted", "seen", "done", "step"),
     [
-        (Wanted(FleetGoal.PUSH, config="new"), BARE, (), Step.PUSH),
-        (Wanted(FleetGoal.PUSH, config="new"), READY, (), None),
-        (Wanted(FleetGoal.PUSH, config="new"), after(RUNS, config="old"), (), Step.PUSH),
-        (Wanted(FleetGoal.PUSH, "new", "new"), ABSENT, (), Step.UPLOAD),
-        (Wanted(FleetGoal.PUSH, "new", "new"), ABSENT, (Step.UPLOAD,), Step.INSTALL),
-        (Wanted(FleetGoal.PUSH, "old", "new"), RUNS, (), None),
-        (Wanted(FleetGoal.UP), READY, (), Step.START),
-        (Wanted(FleetGoal.UP), SILENT, (), Step.START),
-        (Wanted(FleetGoal.UP), RUNS, (), None),
-        (Wanted(FleetGoal.UP, synchronise=True), RUNS, (), Step.SYNCHRONISE),
-        (Wanted(FleetGoal.UP, synchronise=True), RUNS, (Step.SYNCHRONISE,), None),
-        (Wanted(FleetGoal.DOWN), RUNS, (), Step.STOP),
-        (Wanted(FleetGoal.DOWN), SILENT, (), Step.STOP),
-        (Wanted(FleetGoal.DOWN), HALF, (), Step.STOP),
-        (Wanted(FleetGoal.DOWN), READY, (), None),
-        (Wanted(FleetGoal.DOWN), ABSENT, (), None),
-        (Wanted(FleetGoal.UPGRADE, "new"), RUNS, (), Step.UPLOAD),
-        (Wanted(FleetGoal.UPGRADE, "new"), RUNS, (Step.UPLOAD,), Step.STOP),
-        (Wanted(FleetGoal.UPGRADE, "new"), HALF, (Step.UPLOAD, Step.STOP), Step.INSTALL),
-        (Wanted(FleetGoal.UPGRADE, "new"), after(HALF, **NEW), (), Step.START),
-        (Wanted(FleetGoal.UPGRADE, "new"), after(READY, **NEW), (), None),
-        (Wanted(FleetGoal.UPGRADE, "new"), after(RUNS, **NEW), (), None),
-        (Wanted(FleetGoal.UPGRADE, "new", "", True), after(RUNS, **NEW), (Step.START,), Step.SYNCHRONISE),
-        (Wanted(FleetGoal.UPGRADE, "new"), READY, (Step.UPLOAD,), Step.INSTALL),
+        (HostTarget(FleetGoal.PUSH, config="new"), BARE, (), Step.PUSH),
+        (HostTarget(FleetGoal.PUSH, config="new"), READY, (), None),
+        (HostTarget(FleetGoal.PUSH, config="new"), after(RUNS, config="old"), (), Step.PUSH),
+        (HostTarget(FleetGoal.PUSH, "new", "new"), ABSENT, (), Step.UPLOAD),
+        (HostTarget(FleetGoal.PUSH, "new", "new"), ABSENT, (Step.UPLOAD,), Step.INSTALL),
+        (HostTarget(FleetGoal.PUSH, "old", "new"), RUNS, (), None),
+        (HostTarget(FleetGoal.UP), READY, (), Step.START),
+        (HostTarget(FleetGoal.UP), SILENT, (), Step.START),
+        (HostTarget(FleetGoal.UP), RUNS, (), None),
+        (HostTarget(FleetGoal.UP, synchronise=True), RUNS, (), Step.SYNCHRONISE),
+        (HostTarget(FleetGoal.UP, synchronise=True), RUNS, (Step.SYNCHRONISE,), None),
+        (HostTarget(FleetGoal.DOWN), RUNS, (), Step.STOP),
+        (HostTarget(FleetGoal.DOWN), SILENT, (), Step.STOP),
+        (HostTarget(FleetGoal.DOWN), HALF, (), Step.STOP),
+        (HostTarget(FleetGoal.DOWN), READY, (), None),
+        (HostTarget(FleetGoal.DOWN), ABSENT, (), None),
+        (HostTarget(FleetGoal.UPGRADE, "new"), RUNS, (), Step.UPLOAD),
+        (HostTarget(FleetGoal.UPGRADE, "new"), RUNS, (Step.UPLOAD,), Step.STOP),
+        (HostTarget(FleetGoal.UPGRADE, "new"), HALF, (Step.UPLOAD, Step.STOP), Step.INSTALL),
+        (HostTarget(FleetGoal.UPGRADE, "new"), after(HALF, **NEW), (), Step.START),
+        (HostTarget(FleetGoal.UPGRADE, "new"), after(READY, **NEW), (), None),
+        (HostTarget(FleetGoal.UPGRADE, "new"), after(RUNS, **NEW), (), None),
+        (HostTarget(FleetGoal.UPGRADE, "new", "", True), after(RUNS, **NEW), (Step.START,), Step.SYNCHRONISE),
+        (HostTarget(FleetGoal.UPGRADE, "new"), READY, (Step.UPLOAD,), Step.INSTALL),
     ],
 )
 def test_the_next_step_follows_from_what_is_there(
-    wanted: Wanted, seen: HostStatus, done: tuple[Step, ...], step: Step | None
+    wanted: HostTarget, seen: HostStatus, done: tuple[Step, ...], step: Step | None
 ) -> None:
     assert next_step(wanted, seen, done) == step
 
@@ -57,22 +57,22 @@ def test_the_next_step_follows_from_what_is_there(
 @pytest.mark.parametrize(
     ("wanted", "seen", "done", "error"),
     [
-        (Wanted(FleetGoal.PUSH, "new", "new"), RUNS, (), Conflict),
-        (Wanted(FleetGoal.PUSH, config="new"), ABSENT, (), NotFound),
-        (Wanted(FleetGoal.UP), ABSENT, (), NotFound),
-        (Wanted(FleetGoal.UP), BARE, (), NotFound),
-        (Wanted(FleetGoal.UP), READY, (Step.START,), SwarmError),
-        (Wanted(FleetGoal.DOWN), RUNS, (Step.STOP,), SwarmError),
+        (HostTarget(FleetGoal.PUSH, "new", "new"), RUNS, (), Conflict),
+        (HostTarget(FleetGoal.PUSH, config="new"), ABSENT, (), NotFound),
+        (HostTarget(FleetGoal.UP), ABSENT, (), NotFound),
+        (HostTarget(FleetGoal.UP), BARE, (), NotFound),
+        (HostTarget(FleetGoal.UP), READY, (Step.START,), SwarmError),
+        (HostTarget(FleetGoal.DOWN), RUNS, (Step.STOP,), SwarmError),
     ],
 )
 def test_unreachable_goal_is_refused_and_steps_run_once(
-    wanted: Wanted, seen: HostStatus, done: tuple[Step, ...], error: type[SwarmError]
+    wanted: HostTarget, seen: HostStatus, done: tuple[Step, ...], error: type[SwarmError]
 ) -> None:
     with pytest.raises(error):
         next_step(wanted, seen, done)
 
 
-def effect(step: Step, seen: HostStatus, wanted: Wanted) -> HostStatus:
+def effect(step: Step, seen: HostStatus, wanted: HostTarget) -> HostStatus:
     """What a step changes on a host."""
     changes: dict[Step, dict[str, object]] = {
         Step.INSTALL: {"installed": True, "version": "2", "wheel": wanted.wheel},
@@ -83,11 +83,11 @@ def effect(step: Step, seen: HostStatus, wanted: Wanted) -> HostStatus:
     return after(seen, **changes.get(step, {}))
 
 
-@pytest.mark.parametrize("wanted", [Wanted(goal, "new", "new") for goal in FleetGoal])
+@pytest.mark.parametrize("wanted", [HostTarget(goal, "new", "new") for goal in FleetGoal])
 @pytest.mark.parametrize("begin", [BARE, READY, SILENT, RUNS, HALF])
 @pytest.mark.parametrize("interrupted_after", range(5))
 def test_an_interrupted_command_ends_as_an_uninterrupted_one(
-    wanted: Wanted, begin: HostStatus, interrupted_after: int
+    wanted: HostTarget, begin: HostStatus, interrupted_after: int
 ) -> None:
     def ends(seen: HostStatus, limit: int) -> HostStatus | type[SwarmError]:
         done: list[Step] = []

@@ -248,9 +248,9 @@ def test_host_of_version_without_fleet_is_absent(
     keys = HostDefaults(prefix=str(prefix))
     host = FleetHost("uav1", "uav1", keys, tmp_path)
 
-    async def here(_: FleetHost, words: list[str], *__: object) -> ssh.Finished:
+    async def here(_: FleetHost, words: list[str], *__: object) -> ssh.SshResult:
         done = await asyncio.to_thread(subprocess.run, words, capture_output=True, check=False)
-        return ssh.Finished(done.returncode, done.stdout, done.stderr.decode())
+        return ssh.SshResult(done.returncode, done.stdout, done.stderr.decode())
 
     monkeypatch.setattr(ssh, "run", here)
     daemon = (

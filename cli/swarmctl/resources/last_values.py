@@ -27,7 +27,7 @@ KEPT: Final = {
 """Boards of other platforms that a ground station keeps (`keep` of services/tree.toml)."""
 
 
-class LastWords(msgspec.Struct, frozen=True):
+class LastValues(msgspec.Struct, frozen=True):
     """Last known state of a platform without a route."""
 
     platform: str
@@ -39,7 +39,7 @@ class LastWords(msgspec.Struct, frozen=True):
     battery: BatteryState | None
 
 
-async def last_words(session: Session, platform: str) -> LastWords:
+async def last_values(session: Session, platform: str) -> LastValues:
     """Last values of a platform, each None if it was never received here."""
 
     async def one(path: str) -> TreeValue | None:
@@ -58,7 +58,7 @@ async def last_words(session: Session, platform: str) -> LastWords:
         value = found[path]
         return None if value is None else registry.decode(cls, value.data)
 
-    return LastWords(
+    return LastValues(
         platform,
         min(ages, default=None),
         decoded("mission/state", MissionState),
