@@ -223,7 +223,7 @@ class HealthMonitor:
             self._add(name, condition)
         if not isinstance(condition, ReportedCondition):
             raise InvalidInput(f"check {name!r}: {module.id} runs it itself; expected another name")
-        # a report with all checks of a module must fit into one slot of its board
+        # bounded, because the board repeats it every second
         detail = detail[:FREEZE_FRAME_CHARACTERS]
         if condition.set(state, default_level(state) if level is None else level, detail, module.now_ns()):
             module.log.info("condition %s: %s %s", condition.registration.check, state, detail)

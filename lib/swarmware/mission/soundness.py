@@ -40,7 +40,7 @@ def check(mission: MissionDefinition, budget: Budget | None = None, *, flies: bo
     """
     budget = budget or Budget()
     found = [*instants.check(mission), *plausible.check(mission)]
-    # only an air vehicle has a ground below it
+    # only an air vehicle can be sent below the ground
     found += flight.below_ground(mission) if flies else []
     return [*found, *_states(mission, budget, flies=flies)]
 
@@ -54,7 +54,7 @@ def _states(mission: MissionDefinition, budget: Budget, *, flies: bool) -> list[
         return found
     part = Budget(QUICK_BYTES)
     explained = explore(mission, whole, part, flies=flies)
-    # the whole net has shorter traces, if it can be explored in time
+    # traces of the whole net name each block; a large one cannot be explored in time
     return found if part.spent else explained
 
 

@@ -78,7 +78,7 @@ class Module(Client):
         )
 
     def _close_resources(self) -> None:
-        # before the tasks end: a denial could not be sent any more
+        # the tasks have ended, so a denial could not be sent any more
         self.node.callers.remove_listener(self._report_denial)
         super()._close_resources()
         for writer in self._writers:

@@ -298,7 +298,7 @@ class Feed:
             return [item]
         self._drop_before(now_ns)
         if self._limit_ns:
-            # at a high rate several items at once: a notification for each would cost more than it
+            # at a high rate several items at once: a notification for each would cost more than the item
             limit = min(limit, max(1, min(now_ns - self._sent_ns, BURST_NS) // self._limit_ns))
         self._sent_ns = now_ns
         taken: list[TreeItem] = []
