@@ -24,11 +24,13 @@ class Debouncer:
     def on_sample(self, state: str, now_ns: int) -> bool:
         """Add a sample; True if another state is confirmed."""
         if self._grace_until_ns is not None:
+            # samples of the start do not count later either
             if now_ns < self._grace_until_ns:
                 return False
             self._grace_until_ns = None
         self.raw = state
         self._samples.append(state)
+        # n of the last m, not n in a row: a single good sample must not hide a fault
         if state == self.confirmed or self._samples.count(state) < self._n:
             return False
         self.confirmed = state

@@ -31,6 +31,7 @@ class FrameReader:
             self._read = self._follower.next
         else:
             platform, local = split(path)
+            # only on the way from another platform do frames get lost between owner and ring
             if every and platform is not None:
                 self._gaps = SequenceGaps()
             self._follower = RingFollower(
@@ -41,6 +42,7 @@ class FrameReader:
             self._read = self._follower.next if every else self._follower.newest
         self._wakeup = Wakeup()
         self._run = 0
+        # last, as a bell may ring during the call
         self._follower.listen(node, self._wakeup.notify)
 
     @property

@@ -57,9 +57,11 @@ class SnapshotStream(Generic[T, S]):
         deadline = Deadline(timeout_s)
         while True:
             self._drain()
+            # before any wait: held items follow a snapshot at once
             item = self._resync.take()
             if item is not None:
                 return item
+            # a gap may still be repaired by items that come late
             if not self._resync.needs_snapshot:
                 self._on_item(await self._reader.next(deadline.remaining_s()))
             elif (state := await self._resynchronise()) is not None:

@@ -31,6 +31,7 @@ class Wakeup:
         try:
             return await future
         finally:
+            # also on cancellation, so that no dead future stays
             self._waiters.remove(future)
             if timer is not None:
                 timer.cancel()

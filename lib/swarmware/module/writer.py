@@ -54,6 +54,7 @@ class BoardWriter(Generic[T]):
 
         Raises: TypeMismatch, OutOfRange when it is too large for shared memory.
         """
+        # exactly this class: a subclass would be encoded with further fields
         if type(value) is not self._cls:
             raise TypeMismatch(f"{self.path}: {type(value).__name__}, expected {self._cls.__name__}")
         frame = self._frame
@@ -69,6 +70,7 @@ class BoardWriter(Generic[T]):
         frame.stamp_ns = self._clock.now_ns() if stamp_ns is None else stamp_ns
         frame.payload = b""
         slot = self._publication.loan(HEADER_BYTES + length)
+        # the header now, with an empty payload: its length is in the slot, not in the header
         slot[:HEADER_BYTES] = encode(frame)
         return Loan(self._publication, slot)
 

@@ -103,6 +103,7 @@ class RingFollower:
             ring = self._open(0)
             if ring is None or ring.moved:
                 return None
+        # so that `newest` returns the frame again
         ring.seen = 0
         return self.newest()
 
@@ -125,6 +126,7 @@ class RingFollower:
                 return None
             data = ring.next()
             if data is None:
+                # a replaced ring is read to its end before the next one is opened
                 if not ring.moved or self._open(0) is ring:
                     return None
                 continue
@@ -158,6 +160,7 @@ class RingFollower:
         """The doorbell has rung, perhaps for this ring."""
         ring = self.ring
         if ring is None:
+            # the folder is the same as at the last search: the ring cannot have appeared
             if self._node is None or self._node.ring_changes == self._looked:
                 return
             if self._found() is None:
@@ -165,6 +168,7 @@ class RingFollower:
                 return
         elif ring.moved:
             self._reported = -1
+        # one doorbell serves all rings of a process: most bells are for another one
         elif ring.sequence == self._reported:
             return
         else:
@@ -210,6 +214,7 @@ class RingFollower:
 
     def _found(self) -> Path | None:
         """The path at which there is a ring now."""
+        # the ring of this computer first: its application may have returned here
         if not absent(self._file):
             return self._path
         return None if self._other_file is None or absent(self._other_file) else self._elsewhere

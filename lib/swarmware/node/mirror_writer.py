@@ -135,6 +135,7 @@ class MirrorWriter:
         """`slots`: number of slots, or 0 for the default of the frame's kind."""
         key = (names.check_computer(platform), names.check_path(path))
         kind = frame.kind
+        # the kind comes from another platform
         if kind not in SLOTS:
             raise WireError(
                 f"/{platform}/{path}: kind {kind.name.lower()}; expected a board, event or stream"
@@ -154,6 +155,7 @@ class MirrorWriter:
 
     def _newest(self, platform: str, path: str) -> Position | None:
         """The newest item of a former writer."""
+        # a restarted tree must not repeat items that its former process has written
         follower = RingFollower(ring_file(self._node.shm_dir, path, platform), name=f"/{platform}/{path}")
         frame = follower.peek()
         follower.close()

@@ -81,6 +81,7 @@ class Publication:
     def _grow(self, length: int) -> None:
         # At least doubled, so that slowly growing values do not replace the ring at each write.
         slot_bytes = max(2 * self._ring.slot_bytes, -(-length // ALIGN) * ALIGN)
+        # before the ring is closed, so that a value that is too large changes nothing
         if length > MAX_SLOT_BYTES:
             raise OutOfRange(f"{self.path}: a frame of {length} bytes; expected at most {MAX_SLOT_BYTES}")
         self._ring.close()  # it stays readable until the new file replaces it
@@ -97,6 +98,7 @@ class Publication:
         Raises: as the constructor; it is then retried with the next frame.
         """
         if self._resume is None:
+            # most checks end here
             if self._ring.intact(at_path=at_path):
                 return False
             self._resume = self._ring.discard()
@@ -119,6 +121,7 @@ class Publication:
 
     def close(self, *, unlink: bool = True) -> None:
         """Stop writing; without `unlink` the newest frames stay readable until the node ends."""
+        # before the bell, so that woken readers see the end
         self._ring.close(unlink=unlink)
         self._readers.notify()
         self._readers.close()

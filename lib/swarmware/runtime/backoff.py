@@ -50,6 +50,7 @@ class RestartPolicy:
         """
         ready_ns, self._ready_ns = self._ready_ns, None
         settled = ready_ns is not None and (killed or now_ns - ready_ns >= self._settled_ns)
+        # 1, not 0: this end is the first of a possible row
         self.consecutive = 1 if settled else self.consecutive + 1
         if self._limit and self.consecutive > self._limit:
             return None

@@ -60,6 +60,7 @@ class ProcessWatcher:
             try:
                 self._processes[pid] = WatchedProcess(pid, partial(self._ended, pid))
             except ProcessLookupError:
+                # later, as for a process that ends: the caller is still setting up its watch
                 self._reports[pid] = self._loop.call_soon(self._on_end, pid)
             except OSError:
                 continue  # of another PID namespace: its end is only detected by its lock

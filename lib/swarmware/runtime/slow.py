@@ -33,6 +33,7 @@ class _Timed(Coroutine[Any, Any, Any]):
         try:
             return self._coroutine.send(value)
         finally:
+            # in `finally`: a step that raises has held the loop as well
             ended_ns = time.monotonic_ns()
             if ended_ns - began_ns > SLOW_NS:
                 self._report(began_ns, ended_ns)
@@ -73,6 +74,7 @@ def warn_if_slow(loop: asyncio.AbstractEventLoop) -> None:
     def report(began_ns: int, ended_ns: int) -> None:
         task = asyncio.current_task(loop)
         name = "a task" if task is None else task.get_name()
+        # by name: tasks of one kind come and go, and share one report
         tasks.setdefault(name, SlowSteps(name)).took(began_ns, ended_ns)
 
     def make(

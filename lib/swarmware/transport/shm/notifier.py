@@ -37,6 +37,7 @@ class ReaderNotifier:
         if self._folder is None or self._folder.changed():
             self._look()
         ring = self._doorbells.ring
+        # all are rung before any is removed: removal takes a call of the file system
         dead = [name for name in self._names if not ring(name)]
         if dead:
             self._drop(dead)
@@ -50,6 +51,7 @@ class ReaderNotifier:
             raise WireError(f"{self.path}: {name!r} cannot name a doorbell, expected {NAME.pattern}")
         with file_errors(self.path):
             folder = self._open()
+            # the folder was removed between its opening and this call
             while not folder.add(name):
                 self.close()
                 folder = self._open()
