@@ -222,8 +222,8 @@ def link(
 ) -> None:
     """Impair links of a running lab with a radio; without options show their state and counters.
 
-    It adds to what the radio does. Nodes are names or patterns; of one node all its links, without a name
-    all links.
+    The impairment is added to the effects of the radio. Nodes are names or patterns: one name selects all
+    links of the node, and no name all links.
 
     Example: swarmctl lab link uav1 uav2 --loss 30 --delay 50ms --rate 1mbit
     """

@@ -72,13 +72,13 @@ PAGES = {
 
 
 def typed_lines(text: str) -> list[str]:
-    """Lines of code blocks that begin with the command, without their comments and what they are piped to."""
+    """Lines of code blocks that begin with the command, but not of pictures, without comments and pipes."""
     blocks = re.findall(r"^```\w*\n(.*?)^```|((?:^    .*\n)+)", text, re.MULTILINE | re.DOTALL)
     return [
         re.split(r"\s+#|\s+(?:\|\|?|>|&&) ", line.strip().removeprefix("$ "))[0]
         for fenced, indented in blocks
         for line in (fenced or indented).splitlines()
-        if line.strip().removeprefix("$ ").startswith("swarmctl ") and "$(" not in line and "[" not in line
+        if line.strip().removeprefix("$ ").startswith("swarmctl ") and not re.search(r"\$\(|\[|─", line)
     ]
 
 

@@ -38,7 +38,7 @@ def ls(ctx: click.Context) -> None:
 def restart(ctx: click.Context, services: tuple[str, ...], yes: bool, force: bool, wait_s: float) -> None:
     """Restart services of platforms by their guards, one after the other, and wait until each runs again.
 
-    On an armed vehicle what it flies with is refused, unless --force is given.
+    On an armed vehicle the services with which it flies are refused, unless --force is given.
 
     Example: swarmctl app restart logger --node uav1 --yes
     """
@@ -58,8 +58,8 @@ def stop(ctx: click.Context, services: tuple[str, ...], yes: bool, force: bool, 
     """Stop services of platforms: the guard starts them again after `app start` or a start of the node.
 
     No fault is raised, and `app ls` shows who stopped them. The broker and the guard cannot be stopped, and
-    on an armed vehicle what it flies with only by --force. Where services are units of systemd it is
-    systemctl that stops them.
+    the services with which an armed vehicle flies only by --force. Services that are units of systemd are
+    stopped by systemctl.
 
     Example: swarmctl app stop logger --node uav1 --yes
     """

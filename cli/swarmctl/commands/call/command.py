@@ -17,7 +17,7 @@ def call(ctx: click.Context, path: str, value: tuple[str, ...], yes: bool) -> No
     gets a message, and its receiver is printed.
 
     VALUE is JSON, one plain word, or a word field=value for each field; `swarmctl tree type PATH` shows them.
-    It asks for a confirmation where the template of the resource requires one.
+    A confirmation is needed if the template of the resource requires one.
 
     Example: swarmctl call /uav1/sys/tree/get path=nav/pose
     """

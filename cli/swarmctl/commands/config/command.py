@@ -26,7 +26,7 @@ def cmd() -> None:
 def get(ctx: click.Context, key: str, changed: bool) -> None:
     """Print the value in force of a key, or all keys that match a pattern, with their origin.
 
-    Poses, states and other values that are measured have `tree get`.
+    For poses, states and other measured values use `tree get`.
 
     Example: swarmctl config get 'navigator/*' --node uav1
     """
@@ -40,7 +40,7 @@ def get(ctx: click.Context, key: str, changed: bool) -> None:
 @click.argument("keys", nargs=-1, required=True, metavar="KEY...", shell_complete=completion.config_keys)
 @click.pass_context
 def describe(ctx: click.Context, keys: tuple[str, ...]) -> None:
-    """Print what keys mean: text, type, unit, range, default, origin and how to change them.
+    """Describe keys: meaning, type, unit, range, default, origin and how to change them.
 
     Example: swarmctl config describe navigator/altitude_kp --node uav1
     """
@@ -69,13 +69,13 @@ def show(ctx: click.Context, key: str, changed: bool) -> None:
 @cmd.command(name="set", context_settings={"ignore_unknown_options": True})
 @click.argument("key", shell_complete=completion.live_settings)
 @click.argument("value", required=False, shell_complete=completion.setting_values)
-@click.option("--default", is_flag=True, help="Back to the value of the file: the override is removed.")
+@click.option("--default", is_flag=True, help="Return to the value of the file: remove the override.")
 @click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
 @click.pass_context
 def set_(ctx: click.Context, key: str, value: str | None, default: bool, yes: bool) -> None:
     """Set a live setting of a platform; it is checked, stored, and takes effect at once.
 
-    Other resources that can be set have `tree set`. How often values are sent has `traffic set`.
+    For other resources use `tree set`, and for the rate at which values are sent `traffic set`.
 
     Example: swarmctl config set navigator/altitude_kp 1.5 --node uav1
     """
@@ -109,7 +109,7 @@ def undo(ctx: click.Context, key: str, yes: bool) -> None:
 @click.argument("key", default="**", shell_complete=completion.live_settings)
 @click.pass_context
 def history(ctx: click.Context, key: str) -> None:
-    """Print who changed a live setting, when, from what to what; the newest change first.
+    """Print the changes of a live setting: user, time, former and new value; the newest change first.
 
     Example: swarmctl config history navigator/altitude_kp --node uav1
     """
@@ -126,7 +126,7 @@ def history(ctx: click.Context, key: str) -> None:
 def dump(ctx: click.Context, file: str, files: bool) -> None:
     """Print the live settings of a platform as TOML, or write them to a file for `config load`.
 
-    Of several platforms FILE is a folder, `NAME/`, with a file for each.
+    For several platforms FILE is a folder, `NAME/`, with a file for each.
 
     Example: swarmctl config dump uav1.toml --node uav1
     """
@@ -143,8 +143,8 @@ def dump(ctx: click.Context, file: str, files: bool) -> None:
 def load(ctx: click.Context, file: str, yes: bool) -> None:
     """Set the live settings of a file, all or none, and print what changed.
 
-    All values are checked before one is set; when one is refused the others are taken back. Each of several
-    platforms gets the values of the file, or of its own file in a folder, `NAME/`.
+    All values are checked before the first is set, and a refusal undoes the others. Each of several platforms
+    gets the values of the file, or of its own file in a folder, `NAME/`.
 
     Example: swarmctl config load uav1.toml --node uav2
     """

@@ -37,7 +37,7 @@ def cmd() -> None:
 @_GIVE_UP
 @click.pass_context
 def send(ctx: click.Context, file: Path, name: str, give_up_s: float) -> None:
-    """Send a file; again after an interruption it sends what is missing.
+    """Send a file; after an interruption the same command sends the missing blocks.
 
     Example: swarmctl file send map.png --node uav1
     """
@@ -56,7 +56,7 @@ def send(ctx: click.Context, file: Path, name: str, give_up_s: float) -> None:
 @_GIVE_UP
 @click.pass_context
 def get(ctx: click.Context, name: str, target: Path, give_up_s: float) -> None:
-    """Get a file; again after an interruption it gets what is missing.
+    """Get a file; after an interruption the same command gets the missing blocks.
 
     Example: swarmctl file get map.png --node uav1 --to /tmp
     """

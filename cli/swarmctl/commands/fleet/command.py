@@ -164,9 +164,9 @@ def down(
 @timeout_option(60.0)
 @click.pass_context
 def upgrade(ctx: click.Context, /, hosts_file: Path, selected: tuple[str, ...], **options: Any) -> None:
-    """Install another wheel, one host after the other: stop its node, install, start it if it ran.
+    """Install another wheel, one host after the other: stop the node, install, start the node if it ran.
 
-    It stops at the first host whose node does not run again.
+    The command stops at the first host whose node does not run again.
 
     Example: swarmctl fleet upgrade HOSTS.toml --wheel dist/swarmware-0.2.0-py3-none-any.whl --yes
     """

@@ -46,9 +46,9 @@ def info(ctx: click.Context, platforms: tuple[str, ...]) -> None:
 @nodes_argument()
 @click.pass_context
 def ready(ctx: click.Context, platforms: tuple[str, ...]) -> None:
-    """Show whether vehicles may be armed, and what is not ready; without names of all vehicles.
+    """Show whether vehicles may be armed, and the items that are not ready; without names for all vehicles.
 
-    It ends with 1 if no vehicle is ready, 3 if some are not.
+    The exit code is 1 if no vehicle is ready, and 3 if some are not.
 
     Example: swarmctl health ready uav1
     """
@@ -77,7 +77,7 @@ def faults(ctx: click.Context, cleared: bool) -> None:
 @click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
 @click.pass_context
 def clear(ctx: click.Context, pattern: str, yes: bool) -> None:
-    """Clear the faults of platforms whose check matches; forget ended applications and lost platforms.
+    """Clear the faults of platforms whose check matches; remove ended applications and lost platforms.
 
     A check that still fails makes a new fault.
 

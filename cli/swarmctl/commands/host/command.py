@@ -49,7 +49,7 @@ class LoginName(click.ParamType):  # type: ignore[type-arg]  # 8.1 is not generi
     metavar="NAME",
     help="Name of this computer, where the platform has several; default: main.",
 )
-@click.option("--real", is_flag=True, help="A real vehicle: without the simulated one.")
+@click.option("--real", is_flag=True, help="Set up a real vehicle, without the simulated one.")
 @click.option(
     "--single-unit", is_flag=True, help="One unit of systemd for the node; default: one for each service."
 )
@@ -79,8 +79,8 @@ def install(
 ) -> None:
     """Set this computer up for a node, and start it: user, folders, configuration, units of systemd.
 
-    It does what is missing, so it can be repeated: after an upgrade, after a change of `services` in
-    node.toml, after a restored backup. A configuration file that exists is not changed.
+    It does only the missing steps, so it can be repeated after an upgrade, a change of `services` in
+    node.toml, or a restored backup. A configuration file that exists is not changed.
 
     Example: swarmctl host install --name uav1 --operator anna
     """
@@ -99,9 +99,9 @@ def install(
 @click.option("--dry-run", is_flag=True, help="Print the steps, and change nothing.")
 @click.pass_context
 def uninstall(ctx: click.Context, purge: bool, force: bool, yes: bool, dry_run: bool) -> None:
-    """Stop the node and remove what `host install` set up; configuration, keys and data stay without --purge.
+    """Stop the node, and remove everything that `host install` set up.
 
-    The environment with the programs stays; it is a folder.
+    Configuration, keys and data stay without --purge. The environment with the programs, a folder, stays.
 
     Example: swarmctl host uninstall --yes
     """

@@ -35,7 +35,8 @@ def cmd() -> None:
 def init(ctx: click.Context, root_dir: Path | None, swarm: str, replace: bool) -> None:
     """Make the root key of a new swarm, and the node on this computer its first member, a maintainer.
 
-    The root key signs who belongs to the swarm. It is needed to invite, revoke and rotate, and by no node.
+    The root key signs the members of the swarm. It is needed to invite, revoke and rotate; no node needs it
+    to run.
 
     Example: swarmctl keys init --root /media/stick/root
     """
@@ -53,14 +54,14 @@ def init(ctx: click.Context, root_dir: Path | None, swarm: str, replace: bool) -
     type=click.Choice(["observer", "node", "operator", "maintainer"]),
     default="node",
     show_default=True,
-    help="What they may do at the others.",
+    help="Rights of the nodes at the other platforms.",
 )
 @click.option("--valid", default="10m", show_default=True, metavar="TIME", help="30s, 10m, 2h: time to join.")
 @click.option(
     "--address",
     default="",
     metavar="HOST[:PORT]",
-    help="Where the nodes reach this computer; default: its addresses, TCP port 7449.",
+    help="Address by which the nodes reach this computer; default: its addresses, TCP port 7449.",
 )
 @click.option(
     "--file",
@@ -121,9 +122,9 @@ def join(ctx: click.Context, token: str, file: Path | None, replace: bool) -> No
 @read_root_option
 @click.pass_context
 def ls(ctx: click.Context, root_dir: Path | None) -> None:
-    """List the members of the swarm and who was revoked, as the node on this computer has them.
+    """List the members of the swarm and the revoked platforms, as the node on this computer knows them.
 
-    With --root as the root has them.
+    With --root the roster of the root is listed.
 
     Example: swarmctl keys ls
     """
@@ -154,7 +155,7 @@ def show(ctx: click.Context, platform: str | None, root_dir: Path | None) -> Non
 @click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
 @click.pass_context
 def revoke(ctx: click.Context, platforms: tuple[str, ...], root_dir: Path | None, yes: bool) -> None:
-    """Revoke members: the others refuse them, and change the group key, which these know.
+    """Revoke members: the others refuse them, and change the group key, which the revoked members know.
 
     Example: swarmctl keys revoke uav1 --yes
     """

@@ -17,8 +17,8 @@ def cmd() -> None:
 @cmd.command()
 @click.pass_context
 def ls(ctx: click.Context) -> None:
-    """List the neighbours of a platform, with loss in both directions, round-trip time and cost; of several
-    media to one neighbour each.
+    """List the neighbours of a platform, with loss in both directions, round-trip time and cost, for each of
+    several media to one neighbour.
 
     Example: swarmctl link ls --node uav1
     """
@@ -32,7 +32,7 @@ def ls(ctx: click.Context) -> None:
 @click.option("--count", type=click.IntRange(min=1), metavar="N", help="The newest N of each node.")
 @click.pass_context
 def outages(ctx: click.Context, count: int | None) -> None:
-    """List the outages of links, the newest first: how long to detect, down, to recover, and to drain.
+    """List the outages of links, the newest first, with their times of detection, recovery and draining.
 
     Example: swarmctl link outages --node uav1
     """

@@ -112,7 +112,7 @@ _SPEED = click.option(
     help="Height above the origin of the map.",
 )
 @_SPEED
-@click.option("--yes", is_flag=True, help="Do not ask for a confirmation where several take off.")
+@click.option("--yes", is_flag=True, help="Do not ask for a confirmation when several vehicles take off.")
 @FORCE
 @_options(60.0)
 def takeoff(
@@ -127,8 +127,8 @@ def takeoff(
 ) -> None:
     """Arm vehicles and let them climb to an altitude, where they hold. This ends their missions.
 
-    Several are taken off after a confirmation that names them. Names may be patterns: 'uav*'.
-    A vehicle that is not ready refuses, with what is not: see `swarmctl health ready`.
+    Several vehicles take off after a confirmation that names them. Names may be patterns: 'uav*'.
+    A vehicle that is not ready refuses with the reasons: see `swarmctl health ready`.
 
     Example: swarmctl takeoff uav1
     """
@@ -140,7 +140,9 @@ def takeoff(
 
 @click.command(cls=Command)
 @click.option("--to", type=Place(), metavar="X,Y[,Z]", help="Place in the map: east, north, up; one vehicle.")
-@click.option("--by", type=Place(), metavar="X,Y[,Z]", help="Displacement from where each vehicle is.")
+@click.option(
+    "--by", type=Place(), metavar="X,Y[,Z]", help="Displacement from the present place of each vehicle."
+)
 @_SPEED
 @_options(300.0, _NEVER_ASKS)
 def goto(
@@ -154,7 +156,7 @@ def goto(
 ) -> None:
     """Move vehicles to a place, where they hold. This ends their missions.
 
-    Without a height they keep theirs. Several are moved by a displacement each.
+    Without a height each vehicle keeps its height. --by moves several vehicles.
 
     Example: swarmctl goto uav1 --to 10,-5,4
     """

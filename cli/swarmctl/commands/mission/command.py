@@ -155,7 +155,7 @@ def prioritize(ctx: click.Context, run_id: int, priority: int) -> None:
 @nodes_argument()
 @click.pass_context
 def watch(ctx: click.Context, platforms: tuple[str, ...]) -> None:
-    """Follow a mission until it ends, at all its members or at the named ones.
+    """Follow a mission until it ends, at all its members or at the named members.
 
     On a terminal each member has one line, which is redrawn; elsewhere each change of state or block is a
     line with its time.
@@ -192,7 +192,7 @@ def abort(
 ) -> None:
     """Stop the running mission at all its members, or only at the named ones (also by -n).
 
-    It follows them until each has landed, holds or has returned.
+    The command follows the members until each has landed, holds or has returned.
 
     Example: swarmctl mission abort --then hold --yes
     """

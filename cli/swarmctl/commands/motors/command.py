@@ -21,7 +21,7 @@ def arm(
 ) -> None:
     """Arm vehicles on the ground, after a confirmation that names them. Names may be patterns: 'uav*'.
 
-    A vehicle that is not ready refuses, with what is not: see `swarmctl health ready`.
+    A vehicle that is not ready refuses with the reasons: see `swarmctl health ready`.
 
     Example: swarmctl arm uav1 --yes
     """
@@ -36,7 +36,7 @@ def arm(
 @timeout_option(_WAIT_S)
 @click.pass_context
 def disarm(ctx: click.Context, platforms: tuple[str, ...], wait_s: float) -> None:
-    """Disarm vehicles that are on the ground; one in the air refuses. Names may be patterns: 'uav*'.
+    """Disarm vehicles that are on the ground; a vehicle in the air refuses. Names may be patterns: 'uav*'.
 
     Example: swarmctl disarm --all
     """

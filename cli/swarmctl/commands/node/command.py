@@ -136,10 +136,12 @@ def undrain(ctx: click.Context, platforms: tuple[str, ...]) -> None:
     type=click.Choice(["observer", "node", "operator", "maintainer"]),
     default="node",
     show_default=True,
-    help="What it may do at the others.",
+    help="Rights of the node at the other platforms.",
 )
 @click.option("--valid", default="10m", show_default=True, metavar="TIME", help="30s, 10m, 2h: time to join.")
-@click.option("--listen", default="", metavar="HOST[:PORT]", help="Where the node reaches this computer.")
+@click.option(
+    "--listen", default="", metavar="HOST[:PORT]", help="Address by which the node reaches this computer."
+)
 @click.option(
     "--file",
     default="",
@@ -163,8 +165,8 @@ def add(
 ) -> None:
     """Add a node before it comes: invite it, and with --hosts enter it in the file of `swarmctl fleet`.
 
-    The name must be free. It prints what is typed on the node, and waits until it has joined, as
-    `swarmctl keys invite`.
+    The name must be free. The command prints the line that is typed on the node, and waits until the node has
+    joined, as `swarmctl keys invite` does.
 
     Example: swarmctl node add uav4 --hosts HOSTS.toml --address 10.0.0.14 --kind uav
     """
@@ -182,7 +184,11 @@ def add(
 @root_option
 @hosts_option
 @click.option("--yes", is_flag=True, help="Do not ask for a confirmation.")
-@click.option("--force", is_flag=True, help="Also with a mission, armed, or without an answer.")
+@click.option(
+    "--force",
+    is_flag=True,
+    help="Also remove a node with a mission, an armed vehicle, or a node that does not answer.",
+)
 @timeout_option(15.0)
 @click.pass_context
 def remove(
@@ -194,10 +200,10 @@ def remove(
     force: bool,
     wait_s: float,
 ) -> None:
-    """Remove nodes from the swarm: revoke their keys, and make all others forget them.
+    """Remove nodes from the swarm: revoke their keys, and delete their data at all other nodes.
 
-    Their files and logs stay where they are. Refused while a mission runs there; in a swarm without keys
-    while they run.
+    Their own files and logs stay. A removal is refused while a mission runs there, and in a swarm without
+    keys while the node runs.
 
     Example: swarmctl node remove uav4 --hosts HOSTS.toml --yes
     """
@@ -215,7 +221,7 @@ def remove(
     type=TOKEN,
     default="",
     metavar="TOKEN",
-    help="Of `swarmctl keys invite NEW`, where the root is not here; `-`: from stdin, @FILE: from a file.",
+    help="Token of `keys invite NEW`, if the root is not here; `-` reads it from stdin, @FILE from a file.",
 )
 @root_option
 @hosts_option
