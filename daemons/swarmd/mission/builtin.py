@@ -35,7 +35,8 @@ TEXTS: Final = {
     # without a position and at touch-down speed; the motors stop on the ground
     "emergency-land": """{"mission": {
         "start": {"type": "Start", "next": "down"},
-        "down": {"type": "Land", "blind": true, "next": "disarm", "nextTimeout": "down"},
+        "down": {"type": "Land", "blind": true, "speed_m_s": $descent, "next": "disarm",
+            "nextTimeout": "down"},
         "disarm": {"type": "Disarm", "next": "end", "nextTimeout": "end", "nextError": "end"},
         "end": {"type": "End"}
     }}""",
@@ -47,13 +48,16 @@ TEXTS: Final = {
 }
 
 
-def built_in(platform: str, kind: PlatformKind) -> dict[str, MissionDefinition]:
+def built_in(
+    platform: str, kind: PlatformKind, emergency_descent_m_s: float = 1.0
+) -> dict[str, MissionDefinition]:
     """The built-in missions of a platform of this kind; a ground station has none: nothing is to be made
     safe."""
     if kind not in VEHICLES:
         return {}
     binding = Binding(platform, kind)
-    return {name: load(text, f"built-in {name}", binding) for name, text in TEXTS.items()}
+    texts = {name: text.replace("$descent", f"{emergency_descent_m_s:g}") for name, text in TEXTS.items()}
+    return {name: load(text, f"built-in {name}", binding) for name, text in texts.items()}
 
 
 MANOEUVRES: Final[dict[str, tuple[frozenset[str], frozenset[str]]]] = {

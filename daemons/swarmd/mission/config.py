@@ -101,6 +101,9 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """Time without a ground station after which the link is lost."""
     home_reserve_ratio: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.1
     """Charge that is to be left after the way home and the landing."""
+    emergency_descent_m_s: Annotated[float, msgspec.Meta(gt=0, le=10)] = 1.0
+    """Descent rate of an emergency landing above a measured height of 2 m; otherwise the vehicle descends at
+    touch-down speed."""
     reaction: tuple[ReactionRow, ...] = REACTIONS
     """Reactions to faults; the row `link_loss` is made of the two settings above."""
     fence: FenceConfig | None = None

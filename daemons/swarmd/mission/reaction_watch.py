@@ -15,11 +15,12 @@ from swarmd.mission.vehicle import VehicleClient
 from swarmware.errors import SwarmError
 from swarmware.mission import vocabulary
 from swarmware.mission.condition_parser import parse
+from swarmware.mission.reaction import STORED
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.runtime.instant import until
 from swarmware.service.live_config import LiveConfig
-from swarmware.types.reaction import MissionWatch, ReactionPhase, Reactions, WayHome
+from swarmware.types.reaction import MissionWatch, ReactionPhase, Reactions, ReactionState, WayHome
 from swarmware.types.vehicle import BatteryState
 
 log = logging.getLogger("swarm.mission")
@@ -42,8 +43,12 @@ class ReactionWatch:
         vehicle: VehicleClient,
         core: MissionScheduler,
         feed: Callable[[list[Action]], None],
+        order: Callable[[str, int, str], None],
     ) -> None:
-        """`feed`: carries out actions of the executor."""
+        """`feed`: carries out actions of the core.
+
+        `order`: starts a stored mission, with its priority and the reason.
+        """
         self._module = module
         self._live = live
         self._config = config
@@ -51,6 +56,7 @@ class ReactionWatch:
         self._vehicle = vehicle
         self._core = core
         self._feed = feed
+        self._order = order
         self._table = ReactionTable()
         self._notes: dict[str, str] = {}
         self._slow_period = -1
@@ -132,17 +138,27 @@ class ReactionWatch:
         situation = Situation(vehicle.armed, vehicle.flies and not vehicle.landed, self._core.orders)
         for action in self._table.on_look(self._values, situation, now_ns):
             match action:
-                case RowChanged(state):
-                    active = state.phase is ReactionPhase.ACTIVE
-                    event = f"active:{state.action}" if active else "ended"
-                    step = ProgressStep(f"@{state.row}", "Reaction", event, state.reason)
-                    log.warning("reaction %s: %s %s", state.row, event, state.reason)
-                    self._feed([step])
+                case RowChanged(state, values):
+                    self._record(state, values)
+                    if state.phase is not ReactionPhase.ACTIVE:
+                        self._feed(self._core.on_reaction_over(state.row, now_ns))
+                case React(row, then, reason) if then == STORED:
+                    self._order(row.mission, row.priority, reason)
+                case React(row, then, reason) if action.suspends:
+                    self._feed(self._core.on_interruption(row.name, reason, then, now_ns))
                 case React(_, then, reason):
                     self._feed(self._core.on_reaction(reason, then, now_ns))
         if self.state != self._written:
             self._written = self.state
             self._board.write(self._written)
+
+    def _record(self, state: ReactionState, values: str) -> None:
+        """Records that a row has become active or idle, with the values that caused it."""
+        active = state.phase is ReactionPhase.ACTIVE
+        event = f"active:{state.action}" if active else "ended"
+        text = "; ".join(filter(None, (state.reason, values)))
+        log.warning("reaction %s: %s %s", state.row, event, text)
+        self._feed([ProgressStep(f"@{state.row}", "Reaction", event, text)])
 
     def _watch(self) -> None:
         """Publishes what this daemon observes itself."""

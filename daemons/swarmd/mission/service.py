@@ -148,7 +148,7 @@ class Mission(Service):
         if vehicle is not None:
             live = LiveConfig(module, config, self.live_settings)
             self._reactions = ReactionWatch(
-                module, live, config, self._values, vehicle, self._core, self._driver.feed
+                module, live, config, self._values, vehicle, self._core, self._driver.feed, self._order_stored
             )
         self._run_control = RunControl(
             module,
@@ -235,13 +235,29 @@ class Mission(Service):
         self._check_fence(order.file, mission)
 
     def _new_core(self) -> MissionScheduler:
-        missions = built_in(self.module.platform, self._kind)
+        missions = built_in(self.module.platform, self._kind, self.config.emergency_descent_m_s)
         return MissionScheduler(
             self.module.platform, missions, self._values, random.random, self.config, self._lead_ns
         )
 
     def _rehearse(self, order: MissionOrder, mission: MissionDefinition) -> None:
         self._acceptance.rehearse(order, mission, self._new_core())
+
+    def _order_stored(self, name: str, priority: int, reason: str) -> None:
+        """A reaction starts a stored mission of this platform alone, without the network."""
+        self.module.start(self._play_stored(name, priority, reason), "mission of a reaction")
+
+    async def _play_stored(self, name: str, priority: int, reason: str) -> None:
+        me = self.module.platform
+        task = MissionTask(name, members=(me,), priority=priority)
+        try:
+            now_ns = self.module.now_ns()
+            answer = await self._dispatcher.task(task, [Platform(me, self._kind)], [], now_ns)
+        except SwarmError as error:
+            log.error("reaction (%s): mission %s was not started: %s", reason, name, error)
+            return
+        if not answer.accepted:
+            log.error("reaction (%s): mission %s was refused: %s", reason, name, answer.orders[0].reasons)
 
     def _take_order(self, run: Run) -> None:
         actions = self._core.on_order(run, self.module.now_ns())

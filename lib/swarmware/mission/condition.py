@@ -132,6 +132,20 @@ class ConditionExpression(msgspec.Struct, frozen=True):
             if isinstance(one, Age | Field)
         ]
 
+    def values(self, lookup: Lookup) -> str:
+        """Present values of its fields and ages, for a record: `power/battery.remaining_ratio 0.12`."""
+        found: dict[str, None] = {}
+        for one in _nodes(self.node):
+            if isinstance(one, Age):
+                age_s = lookup.age_s(one.path)
+                found[f"age({one.path}) {'unknown' if age_s is None else f'{age_s:.1f} s'}"] = None
+            elif isinstance(one, Field):
+                value = lookup.value(one.path, one.field)
+                name = f"{one.path}.{one.field}" if one.field else one.path
+                shown = f"{value:.4g}" if isinstance(value, float) else value
+                found[f"{name} {'unknown' if value is None else shown}"] = None
+        return ", ".join(found)
+
     def next_change_s(self, lookup: Lookup) -> float | None:
         """Time until an age may change the result without a new value, or None if no age can."""
         comparisons = (node for node in _nodes(self.node) if isinstance(node, Compare))

@@ -8,11 +8,12 @@ import msgspec
 from swarmware.errors import InvalidInput
 from swarmware.mission.condition_parser import parse
 
-Action = Literal["warn", "hold", "return", "land", "emergency-land"]
-"""Action of a reaction; all but `warn` are built-in missions."""
+Action = Literal["warn", "mission", "hold", "return", "land", "emergency-land"]
+"""Action of a reaction: a warning, a stored mission, or a built-in mission."""
 
 WARN: Final = "warn"
-STRENGTH: Final[dict[str, int]] = {WARN: 0, "hold": 1, "return": 2, "land": 3, "emergency-land": 4}
+STORED: Final = "mission"
+STRENGTH: Final[dict[str, int]] = {WARN: 0, STORED: 0, "hold": 1, "return": 2, "land": 3, "emergency-land": 4}
 """Strength of the actions: a weaker action never replaces a running stronger one."""
 
 LINK_LOSS: Final = "link_loss"
@@ -38,7 +39,14 @@ class ReactionRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     for_s: Annotated[float, msgspec.Meta(ge=0, le=86_400)] = 0.0
     """Hold time: time for which the condition must hold without a break."""
     action: Action
-    """Action: a warning, or a built-in mission, which ends the present one."""
+    """Action: a warning, a stored mission, or a built-in mission, which ends the present one."""
+    mission: Annotated[str, msgspec.Meta(max_length=64)] = ""
+    """Name of the stored mission, for the action `mission`."""
+    priority: Annotated[int, msgspec.Meta(ge=0, le=99)] = 50
+    """Priority of the stored mission: it suspends a mission of lower priority."""
+    resume: bool = False
+    """Whether the built-in mission suspends the present mission in place of ending it; the mission continues
+    when the built-in mission has ended and the condition does not hold any more."""
     where: Literal["air", "ground", "any"] = "air"
     """Where the row applies; to a vehicle with armed motors only."""
     lasting: bool = False
@@ -60,6 +68,16 @@ class ReactionRow(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
                 except InvalidInput as error:
                     raise InvalidInput(f"reaction {self.name}, key {key}: {error}") from error
         # an action that is not possible needs another one, else nothing would happen
+        if (self.action == STORED) != bool(self.mission):
+            raise InvalidInput(
+                f"reaction {self.name}: `mission` names the mission of the action 'mission'; expected both or"
+                " none"
+            )
+        if self.resume and (self.lasting or self.action not in {"hold", "return"}):
+            raise InvalidInput(
+                f"reaction {self.name}: `resume` is possible for hold and return without `lasting`; expected"
+                " such an action"
+            )
         if (self.possible is None) != (self.otherwise is None):
             raise InvalidInput(
                 f"reaction {self.name}: `possible` and `otherwise` belong together; expected both or none"

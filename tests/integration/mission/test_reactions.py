@@ -17,6 +17,7 @@ from swarmware.types.mission import (
     ManoeuvreRequest,
     MissionAbort,
     MissionFile,
+    MissionQueue,
     MissionStatus,
     MissionTask,
     TaskAnswer,
@@ -124,3 +125,57 @@ async def test_lost_link_is_row_with_settings_in_force(
         found = await s.ask("/uav1/sys/mission/status", Empty(), MissionStatus)
         assert found.state.text.startswith("no ground station in reach for ")
         assert watched.value == MissionWatch(station=False)
+
+
+@on_uvloop
+async def test_mission_continues_after_suspending_reaction(tmp_path: Path) -> None:
+    low = "health/state.battery == 'low'"
+    gust = f'name = "battery_low"\nwhen = "{low}"\naction = "hold"\nresume = true\nsays = "gust"'
+    async with swarm(tmp_path, "uav1") as s:
+        member = s["uav1"]
+        member.vehicle.landed = False
+        task = MissionTask("hover", files=(manifest(gust), hover(60.0)))
+        assert (await s.ask(TASK, task, TaskAnswer)).accepted
+        await s.until(lambda: "a" in member.passed)
+        member.vehicle.health.write(LOW)
+        await s.until(lambda: "recovering" in member.history)
+        queue = await s.ask("sys/mission/queue", Empty(), MissionQueue)
+        assert queue.runs[-1].state == "suspended"
+        await s.until(lambda: member.history[-1] == "done")
+        member.vehicle.health.write(HealthState("ok"))
+        await s.until(lambda: member.history.count("running") == 2)
+        assert member.history[2:] == [
+            "suspending",
+            "suspended",
+            "recovering",
+            "ending",
+            "done",
+            "running",
+        ]
+        assert member.kinds == ["hold"]
+
+
+@on_uvloop
+async def test_reaction_starts_stored_mission_first(tmp_path: Path) -> None:
+    low = "health/state.battery == 'low'"
+    look = f'name = "battery_low"\nwhen = "{low}"\naction = "mission"\nmission = "inspect"\npriority = 7'
+    async with swarm(tmp_path, "uav1") as s:
+        member = s["uav1"]
+        member.vehicle.landed = False
+        member.vehicle.answers["goto"] = "moving"
+        folder = member.node.config.data_path / "missions" / "inspect"
+        folder.mkdir(parents=True)
+        (folder / "mission.json").write_text(
+            '{"requires": ["vehicle/state.armed"], "mission": {"s": {"type": "Start", "next": "g"},'
+            ' "g": {"type": "Goto", "x": 5, "y": 0, "z": 5, "next": "e"}, "e": {"type": "End"}}}'
+        )
+        task = MissionTask("hover", files=(manifest(look), hover(60.0)))
+        assert (await s.ask(TASK, task, TaskAnswer)).accepted
+        await s.until(lambda: "a" in member.passed)
+        member.vehicle.health.write(LOW)
+        await s.until(lambda: "goto" in member.kinds)
+        queue = await s.ask("sys/mission/queue", Empty(), MissionQueue)
+        assert [(one.mission, one.priority, one.state) for one in queue.runs] == [
+            ("inspect", 7, "running"),
+            ("hover", 0, "suspended"),
+        ]

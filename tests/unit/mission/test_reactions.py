@@ -11,7 +11,7 @@ from swarmd.mission.config import REACTIONS, Config
 from swarmd.mission.core.reactions import React, ReactionTable, RowChanged, Situation, link_loss_row
 from swarmware.errors import Conflict, InvalidInput
 from swarmware.mission.field_path import Scalar, scalar_of
-from swarmware.mission.reaction import STRENGTH, ReactionRow, decode_rows, encode_rows
+from swarmware.mission.reaction import ReactionRow, decode_rows, encode_rows
 from swarmware.types.health import HealthState
 from swarmware.types.reaction import ReactionPhase
 
@@ -44,7 +44,7 @@ class World:
             (one.state.row, one.state.phase.value) for one in found if isinstance(one, RowChanged)
         ]
         self.reasons = [one.reason for one in found if isinstance(one, React)]
-        return [(one.row, one.action) for one in found if isinstance(one, React)]
+        return [(one.row.name, one.action) for one in found if isinstance(one, React)]
 
     def phases(self) -> dict[str, str]:
         return {one.row: one.phase.value for one in self.table.states()}
@@ -116,7 +116,7 @@ def test_the_strongest_of_several_actions_comes_first() -> None:
     names = ("warn", "return", "emergency-land", "hold", "land")
     world = hot(*(row(name.replace("-", "_"), action=name) for name in names))
     assert [action for _, action in world.look()] == ["emergency-land", "land", "return", "hold"]
-    assert len(world.changed) == len(STRENGTH)
+    assert len(world.changed) == len(names)
 
 
 def test_alternative_action_replaces_impossible_first() -> None:
@@ -423,3 +423,51 @@ def test_mission_rows_count_while_it_runs() -> None:
 
 def test_every_phase_is_one_that_operators_see() -> None:
     assert [phase.value for phase in ReactionPhase] == ["idle", "pending", "active"]
+
+
+def test_change_of_row_names_values_that_caused_it() -> None:
+    table = ReactionTable()
+    table.set_rows([row(when="my/oven.heat > 0.5 and age(my/oven) < 3")], {})
+    world = World()
+    world.values["my/oven.heat"], world.ages["my/oven"] = 0.75, 1.0
+    (changed, _) = table.on_look(world, AIR, S)
+    assert isinstance(changed, RowChanged)
+    assert changed.values == "my/oven.heat 0.75, age(my/oven) 1.0 s"
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"action": "mission"}, "expected both or none"),
+        ({"mission": "survey"}, "expected both or none"),
+        ({"action": "land", "resume": True}, "`resume` is possible for hold and return"),
+        ({"action": "hold", "resume": True, "lasting": True}, "`resume` is possible for hold and return"),
+    ],
+)
+def test_contradicting_keys_of_row_are_refused(keys: dict[str, Any], words: str) -> None:
+    plain = {"name": "hot", "when": "my/oven.hot", "action": "land"} | keys
+    with pytest.raises(InvalidInput, match=words):
+        ReactionRow(**plain)
+
+
+def test_interrupted_mission_continues_after_reaction() -> None:
+    m = Member1()
+    m.order()
+    assert words(m.core.on_interruption("wind", "gust", "hold", S)) == ["state:suspending", "cancel 1"]
+    assert m.ended(1, "cancelled") == ["state:suspended", "state:recovering", "start hold 2"]
+    assert m.core.waits(7) == "reaction wind is active"
+    assert m.ended(2) == ["state:ending", "state:done"]
+    with pytest.raises(Conflict, match="reaction wind is active"):
+        m.order(epoch=8)
+    assert m.core.on_reaction_over("another", S) == []
+    assert words(m.core.on_reaction_over("wind", S)) == ["state:running", "start a 3"]
+
+
+def test_landing_ends_interrupted_mission() -> None:
+    m = Member1()
+    m.order()
+    m.core.on_interruption("wind", "gust", "hold", S)
+    m.core.on_reaction("battery critical", "land", S)
+    assert m.ended(1, "cancelled") == ["state:recovering", "start land 2"]
+    m.ended(2)
+    assert m.core.is_idle

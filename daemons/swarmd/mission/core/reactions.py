@@ -48,15 +48,22 @@ class Situation(msgspec.Struct, frozen=True):
 class React(msgspec.Struct, frozen=True):
     """Take this action, unless a stronger one runs."""
 
-    row: str
+    row: ReactionRow
     action: str
     reason: str
+
+    @property
+    def suspends(self) -> bool:
+        """Whether the present mission continues afterwards."""
+        return self.row.resume and self.action == self.row.action
 
 
 class RowChanged(msgspec.Struct, frozen=True):
     """A row has become active or idle, for operators."""
 
     state: ReactionState
+    values: str = ""
+    """Values of the fields of its condition at this moment."""
 
 
 ReactionAction = React | RowChanged
@@ -93,6 +100,10 @@ class _Entry:
     def holds(self, lookup: Lookup) -> bool:
         """Whether the condition holds now; one that is unknown does not."""
         return self._when.holds(lookup) is True
+
+    def changed(self, lookup: Lookup) -> RowChanged:
+        """The news that the row has changed, with the values that caused it."""
+        return RowChanged(self.state(), self._when.values(lookup))
 
     def chosen(self, lookup: Lookup) -> str:
         """The action of the row, or the other one where it is not possible."""
@@ -162,7 +173,7 @@ class ReactionTable:
             acts = self._step(entry, lookup, situation, now_ns, changes)
             if acts and entry.action != WARN:
                 entry.orders = situation.orders
-                reactions.append(React(entry.row.name, entry.action, entry.reason))
+                reactions.append(React(entry.row, entry.action, entry.reason))
         reactions.sort(key=lambda one: -STRENGTH[one.action])
         return [*changes, *reactions]
 
@@ -176,7 +187,7 @@ class ReactionTable:
                 was_active = entry.phase is _ACTIVE
                 entry.phase, entry.since_ns, entry.reason = _IDLE, now_ns, ""
                 if was_active:
-                    changes.append(RowChanged(entry.state()))
+                    changes.append(entry.changed(lookup))
                 entry.action = entry.row.action
             return False
         if entry.phase is _IDLE:
@@ -187,13 +198,13 @@ class ReactionTable:
             entry.action = entry.chosen(lookup)
             entry.reason = entry.why(now_ns)
             entry.phase, entry.since_ns = _ACTIVE, now_ns
-            changes.append(RowChanged(entry.state()))
+            changes.append(entry.changed(lookup))
             return True
         overridden = entry.orders != situation.orders
         if entry.action == entry.row.action and entry.chosen(lookup) != entry.action and not overridden:
             entry.action = entry.chosen(lookup)
             entry.reason = f"{entry.row.says or entry.row.when}; {entry.row.action} is no longer possible"
-            changes.append(RowChanged(entry.state()))
+            changes.append(entry.changed(lookup))
             return True
         return entry.row.lasting and overridden
 

@@ -10,6 +10,9 @@ that is played with the first one of the queue:
     ready             an earlier rank           puts the played one back, unless its start is fixed; calls
     running           a higher priority         suspends the played one; calls when it has stopped
     recovering        any                       waits: a built-in mission precedes all others
+
+A reaction may suspend the played run as well, which continues when the reaction and its built-in mission
+have ended.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -68,6 +71,10 @@ class MissionScheduler:
         self._played: QueuedRun | None = None
         """The run of the executor, or None if it plays a built-in mission or nothing."""
         self._executor = self._make()
+        self._interruption: tuple[str, str, str] | None = None
+        """Row, reason and built-in mission of the reaction for which the played run is being suspended."""
+        self._blocked_by = ""
+        """Row of the active reaction after which the suspended run continues, or "" without one."""
         self.orders = 0
         """Number of orders that were accepted: missions, manoeuvres and aborts."""
 
@@ -161,6 +168,8 @@ class MissionScheduler:
         """Why no run may begin or continue now, whatever its priority; "" if one may."""
         if self._commons.held_by:
             return f"{self._platform} is driven by hand by {self._commons.held_by}"
+        if self._blocked_by:
+            return f"reaction {self._blocked_by} is active"
         if self.phase not in INACTIVE | BUSY:
             return f"{self._platform} is busy: {self._executor.playing} is {self.phase}"
         return ""
@@ -226,6 +235,29 @@ class MissionScheduler:
         discarded = self._discard_all(reason, now_ns)
         return self._settle(discarded + self._executor.on_reaction(reason, action, now_ns), now_ns)
 
+    def on_interruption(self, row: str, reason: str, action: str, now_ns: int) -> list[Action]:
+        """Suspends the mission for a built-in mission; it continues when that and the reaction have ended."""
+        if self.phase not in {MissionPhase.READY, MissionPhase.RUNNING}:
+            return self.on_reaction(reason, action, now_ns)
+        self._interruption = row, reason, action
+        suspended = self._executor.suspend(f"{action}: {reason}", now_ns)
+        return self._settle(suspended, now_ns)
+
+    def on_reaction_over(self, row: str, now_ns: int) -> list[Action]:
+        """The condition of a row does not hold any more."""
+        if row != self._blocked_by:
+            return []
+        self._blocked_by = ""
+        return self._settle([], now_ns)
+
+    def _interrupt(self, now_ns: int) -> list[Action]:
+        """Plays the built-in mission of a reaction in place of the run that was suspended for it."""
+        if self._interruption is None:
+            return []
+        self._blocked_by, reason, action = self._interruption
+        self._interruption = None
+        return self._executor.on_reaction(reason, action, now_ns)
+
     def _discard(self, epoch: int, reason: str, now_ns: int) -> list[Action]:
         """Removes a run from the queue."""
         one = self._queue.take(epoch)
@@ -234,6 +266,7 @@ class MissionScheduler:
         return one.executor.discard(reason, now_ns)
 
     def _discard_all(self, reason: str, now_ns: int) -> list[Action]:
+        self._interruption, self._blocked_by = None, ""
         return [step for epoch in self._queue.epochs for step in self._discard(epoch, reason, now_ns)]
 
     # -- events of the played run
@@ -293,6 +326,8 @@ class MissionScheduler:
             if self.phase is MissionPhase.SUSPENDED and played is not None:
                 self._queue.put(played)
                 self._played, self._executor = None, self._make()
+                actions += self._interrupt(now_ns)
+                continue
             if (first := self._queue.first) is None:
                 break
             if self.phase in INACTIVE:
