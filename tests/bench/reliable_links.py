@@ -94,7 +94,7 @@ def message_rows() -> Iterator[Row]:
     yield Row(
         "message, 30 % loss, 1 hop",
         f"{arrived / sent:.1%}, p99 {p99_ms:.0f} ms",
-        "100 % delivered or told, p99 < 1000 ms",
+        "100 % delivered or reported, p99 < 1000 ms",
         arrived == sent and p99_ms < 1000,
     )
 
@@ -134,13 +134,13 @@ def scanner_rows(recording: str) -> Iterator[Row]:
     ):
         seen = figures_of("../tree/lossystream.py", "753", "8", *options, *packets, tools=tools)
         missing = seen["written"] - seen["received"]
-        told = seen["reader_lost"] == seen["writer_lost"] and (missing == 0 or seen["reader_lost"] > 0)
-        gaps = f"told {seen['reader_lost']:.0f} and {seen['writer_lost']:.0f}"
+        reported = missing == seen["reader_lost"] == seen["writer_lost"]
+        gaps = f"reported to the reader {seen['reader_lost']:.0f}, to the owner {seen['writer_lost']:.0f}"
         yield Row(
             f"scanner, 753 packets/s, {what}",
             f"{missing:.0f} of {seen['written']:.0f} missing, {gaps}",
-            "none missing, or told at both ends",
-            bool(seen["in_order"] and told),
+            "none missing, or reported at both ends",
+            bool(seen["in_order"] and reported),
         )
     for loss, least in (("0", 29.5), ("30", 29.5), ("40", 29.0)):
         seen = figures_of("../tree/lossystream.py", "30", "20", "--loss", loss, tools=("ip", "nft"))
