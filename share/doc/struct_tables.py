@@ -111,7 +111,7 @@ def struct_section(cls: type[msgspec.Struct], docs: dict[tuple[str, str], str], 
     assert isinstance(info, msgspec.inspect.StructType)
     layout = "array" if info.array_like else "map"
     if cls.__struct_config__.omit_defaults:
-        layout += ", without what equals its default"
+        layout += ", without fields that equal their default"
     out = [f"\n{level} {cls.__name__}\n\n{cell(inspect.getdoc(cls) or '')} ({layout})\n"]
     if info.fields:
         out.append("\n| | field | type | unit | default | |\n|---|---|---|---|---|---|\n")

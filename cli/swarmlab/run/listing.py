@@ -40,7 +40,7 @@ class LabList(msgspec.Struct, frozen=True):
 
 
 class LabEnvironment(msgspec.Struct, frozen=True):
-    """What a program needs to join a node of a lab."""
+    """Variable by which a program joins a node of a lab."""
 
     platform: str
     config_dir: str

@@ -39,7 +39,7 @@ class ReadinessBoard:
             rate_hz=1.0,
             link="notify",
             log="all",
-            description="Whether the vehicle may be armed, and what is not ready",
+            description="Whether the vehicle may be armed, and the items that are not ready",
         )
 
     def update(self, now_ns: int) -> None:

@@ -272,9 +272,13 @@ MOTION_ERRORS: Final = ("blocked", "disarmed", "no_position", "no_navigator")
 """Kinds of error with which a block may end that moves the vehicle to a position."""
 
 BLOCKS: Final = (
-    BlockType(BlockName.START, "Where the mission begins.", control=True, instant=True),
+    BlockType(BlockName.START, "Begins the mission.", control=True, instant=True),
     BlockType(
-        BlockName.END, "Ends the mission and cancels what still runs.", End, control=True, instant=True
+        BlockName.END,
+        "Ends the mission and cancels all blocks that still run.",
+        End,
+        control=True,
+        instant=True,
     ),
     BlockType(BlockName.FORK, "Starts all its successors at once.", control=True, instant=True),
     BlockType(
@@ -282,7 +286,7 @@ BLOCKS: Final = (
     ),
     BlockType(
         BlockName.DECISION,
-        "Takes the first successor whose condition holds, else `next`.",
+        "Takes the first successor whose condition holds, or else `next`.",
         control=True,
         instant=True,
         errors=("unknown_value",),

@@ -38,7 +38,7 @@ class RealtimeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     services: dict[str, Annotated[int, msgspec.Meta(ge=1, le=99)]] = {}
     """Priorities by service: 99 is the highest, the threads of the kernel for devices have 50."""
     required: bool = False
-    """Whether a service that does not get it is an error, so that arming is refused; else a warning."""
+    """Whether a service without real-time scheduling is an error, which refuses arming, or else a warning."""
 
 
 class NodeConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

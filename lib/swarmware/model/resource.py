@@ -60,13 +60,13 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
     path: str
     """Local path, without the platform: `nav/pose`."""
     kind: Kind = Kind.BOARD
-    """Transport of its values."""
+    """Kind of the resource, which determines the transport of its values."""
     type: str = ""
     """Name of the registered Struct (a command's request), or "" for a branch."""
     reply: str = ""
     """Name of the Struct of a command's reply, or "" without one."""
     unit: str = ""
-    """SI unit of a plain value; empty where the field names of the Struct contain it."""
+    """SI unit of a plain value; or "" if the field names of the Struct contain it."""
     range: tuple[float, float] | None = None
     """Minimum and maximum permitted number, both included."""
     choices: tuple[str, ...] = ()
@@ -76,23 +76,23 @@ class Resource(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True, fo
     rate_hz: float = 0.0
     """Nominal rate of a periodic resource, or 0 without a period."""
     critical: bool = False
-    """The platform must not move without a fresh value: its loss is an error, else a warning."""
+    """True if a lost value is an error, because the platform must not move without it; else a warning."""
     max_age_s: float = 0.0
     """Age above which the value is stale, or 0 for three periods (never without a period)."""
     category: Category = ""
-    """Whether its values come with a period, or under a condition."""
+    """Occurrence of the values: with a period, or under a condition."""
     link: Link = ""
     """Default transport to other platforms: in the beacon, by notification, or only on request."""
     log: str = "none"
     """Values that the logger records: `all`, `<n>hz` (decimated), `none`."""
     owner: str = ""
-    """Name of the application that provides it."""
+    """Name of the application that provides the resource."""
     default: Plain | None = None
     """Initial value of a setting."""
     description: str = ""
-    """Its meaning: text for operators."""
+    """Meaning of the resource, as text for operators."""
     confirm: str = ""
-    """Effect of setting it, which an operator must confirm, or "" without a confirmation."""
+    """Effect of a change, which an operator must confirm, or "" without a confirmation."""
 
     def __post_init__(self) -> None:
         names.check_path(self.path)

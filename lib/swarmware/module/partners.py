@@ -16,7 +16,7 @@ class Partner(msgspec.Struct, frozen=True):
     platform: str
     unit: str
     hops: int
-    """Number of hops: 1 for a neighbour, more for a unit known through others."""
+    """Number of hops: 1 for a neighbour, more for other units."""
     age_s: float
     """Age of its table of applications, which its master makes when they change."""
     unreachable_s: float | None

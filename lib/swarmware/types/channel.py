@@ -290,7 +290,7 @@ class ChannelState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     rate_hz: float | None = None
     """Present limit of the rate, or None if nothing limits it."""
     reason: str = ""
-    """Reason of the present limit: `set` by a rule, or what the link shows."""
+    """Reason of the present limit: `set` by a rule, or the state of the link."""
     rate: ChannelRate = ChannelRate()
     """Rate in force, and the place where it was set."""
 

@@ -1,4 +1,4 @@
-"""Orders to a chassis and its reports: what the hardware abstraction exchanges with motors and steering."""
+"""Orders to a chassis and its reports, which the hardware abstraction exchanges with motors and steering."""
 
 import msgspec
 
@@ -42,7 +42,7 @@ class ChassisReport(msgspec.Struct, frozen=True, array_like=True, gc=False):
     refused: str = ""
     """Reason of the refusal of that order; empty when it was executed."""
     calibrating: bool = False
-    """Whether its motor controllers are being calibrated."""
+    """Whether the motor controllers are being calibrated."""
 
 
 @register

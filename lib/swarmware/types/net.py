@@ -136,7 +136,7 @@ class RouteState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Route to another node."""
 
     platform: str
-    """Its name, or its hardware id in hex while the name is unknown."""
+    """Name of the platform, or its hardware id in hex while the name is unknown."""
     hardware: int
     via: str
     """Next hop, with its unit where that is not `main`; the node itself when it is a neighbour."""

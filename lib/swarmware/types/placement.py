@@ -9,7 +9,7 @@ from swarmware.types.registry import register
 
 @register
 class PlacementRequest(msgspec.Struct, frozen=True, array_like=True, gc=False):
-    """Request of `sys/tree/placement`: measure what this computer receives from the platform's others."""
+    """Request of `sys/tree/placement`: measure the data that this computer receives from others."""
 
     window_s: Annotated[float, msgspec.Meta(gt=0, le=10)] = 2.0
     """Time over which values, delays and processor time are measured."""

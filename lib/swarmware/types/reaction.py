@@ -1,4 +1,4 @@
-"""Reactions of a vehicle to faults: the state of the rows, and what the rows need to be published."""
+"""Reactions of a vehicle to faults: the state of the rows, and the inputs of the rows."""
 
 from typing import Annotated
 

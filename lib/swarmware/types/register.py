@@ -67,7 +67,7 @@ class PartnerUnit(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     table: ApplicationTable
     hops: int
-    """Number of hops: 1 for a neighbour, more for a unit known through others."""
+    """Number of hops: 1 for a neighbour, more for other units."""
     made_ns: int
     """When its master made the table, or when it was received where clocks cannot be compared: hardware clock
     of this node."""
@@ -95,4 +95,4 @@ class PlatformRemoved(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Answer to a `PlatformRemoval` of a node."""
 
     known: bool
-    """Whether there was something to remove."""
+    """Whether any data were removed."""

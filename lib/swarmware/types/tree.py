@@ -178,7 +178,7 @@ class TreeEntry(msgspec.Struct, frozen=True, array_like=True, gc=False):
     reply: str = ""
     description: str = ""
     confirm: str = ""
-    """Effect of setting it, which an operator must confirm, or "" without a confirmation."""
+    """Effect of a change, which an operator must confirm, or "" without a confirmation."""
     measured_hz: float | None = None
     """Rate at which the owner has written the newest values, or None if unknown."""
     rule: Rule | None = None

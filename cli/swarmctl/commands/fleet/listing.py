@@ -37,7 +37,7 @@ class ListedHost(msgspec.Struct, frozen=True):
 
 
 class FleetList(msgspec.Struct, frozen=True):
-    """The hosts of a file, and what is on them."""
+    """The hosts of a file, and their state."""
 
     hosts: list[ListedHost]
 

@@ -137,7 +137,7 @@ class RosterExchange:
         """A difference did not fit: ask for the whole roster."""
         self._answered_ns: dict[int, int] = {}
         self._offers: dict[int, _Offer] = {}
-        """Last offers to nodes that missed a rotation, which are no neighbours yet."""
+        """Last offers to nodes that missed a rotation, which are not neighbours yet."""
         self._revoked_platforms: frozenset[str] = frozenset()
         self._excluded: set[int] = set()
         self._exclude()
