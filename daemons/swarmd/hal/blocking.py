@@ -109,6 +109,7 @@ class BlockingDevice(Device):
         if self._thread is not None:
             self._thread.close(self.disconnect)
             self._thread = None
+        await super().close()
 
 
 class BlockingSensor(BlockingDevice, Sensor, Generic[T]):

@@ -81,7 +81,8 @@ class Chassis(Actuator):
         self._answers = Wakeup()
         self._drive, self._taken = module.reader(self._config.drive, Drive), None
         self._control = module.reader("control/state", ControlState)
-        self._state, self._written = module.writer("vehicle/state", VehicleState), None
+        self._state = self.managed(module, module.writer("vehicle/state", VehicleState))
+        self._written = None
 
     def start(self, following: Coroutine[Any, Any, None]) -> None:
         """Runs a coroutine that receives the reports of the device, until the driver is closed."""
@@ -99,9 +100,8 @@ class Chassis(Actuator):
         if self._control is not None:
             self._control.close()
             self._control = None
-        if self.module is not None and self._state is not None:
-            self.module.close_writer(self._state)
-            self._state = None
+        self._state = None
+        await super().close()
 
     async def write(self, now_ns: int) -> bool:
         """Sends a due set-point, and repeats orders without an answer.

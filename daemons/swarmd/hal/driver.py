@@ -2,7 +2,8 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
+from functools import partial
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
@@ -12,9 +13,13 @@ from swarmd.hal.core.line_load import LineUse
 from swarmware.errors import SwarmError
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.module.module import Module
+from swarmware.module.writer import BoardWriter
 
 if TYPE_CHECKING:
     from swarmware.model.airframe import Airframe
+
+
+W = TypeVar("W", bound=BoardWriter[Any])
 
 
 class DeviceError(SwarmError):
@@ -38,12 +43,22 @@ class Device(ABC):
     """Period of the driver, matched to the update rate of the device (S2.5); each call may change it."""
     line_uses: tuple[LineUse, ...] = ()
     """Load of lines and buses by this driver (S1.17)."""
+    _withdrawals: tuple[Callable[[], None], ...] = ()
+    """One call for each writer that `close` closes."""
 
     async def open(self, module: Module) -> None:  # noqa: B027  # some devices need no opening
         """Opens the device and the writers of its resources."""
 
-    async def close(self) -> None:  # noqa: B027  # some devices need no closing
-        """Closes the device and its writers."""
+    def managed(self, module: Module, writer: W) -> W:
+        """Notes a writer, which `close` of the base closes, and returns it."""
+        self._withdrawals = (*self._withdrawals, partial(module.close_writer, writer))
+        return writer
+
+    async def close(self) -> None:
+        """Closes the managed writers; a driver with more to close overrides and calls it."""
+        withdrawals, self._withdrawals = self._withdrawals, ()
+        for withdraw in withdrawals:
+            withdraw()
 
 
 class Sensor(Device):

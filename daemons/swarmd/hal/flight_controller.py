@@ -107,8 +107,8 @@ class FlightController(Chassis):
         self._imu = module.reader(self._source, Imu)
         self._gnss = module.reader("sensor/gnss", GnssFix)
         self._height = module.reader("sensor/height", Float)
-        self._mean = module.writer("sensor/imu", Imu, rate_hz=self._imu_hz)
-        self._records = module.stream_writer(
+        self._mean = self.managed(module, module.writer("sensor/imu", Imu, rate_hz=self._imu_hz))
+        records = module.stream_writer(
             "vehicle/flight_record",
             FlightRecord,
             kind="event",
@@ -117,6 +117,7 @@ class FlightController(Chassis):
             slot_bytes=_RECORD_BYTES,
             description="The seconds around a fault of the flight, at 20 Hz",
         )
+        self._records = self.managed(module, records)
 
     async def close(self) -> None:
         """Closes the boards; in flight, the boards by which the next process continues the flight stay
@@ -131,10 +132,6 @@ class FlightController(Chassis):
         for reader in (self._imu, self._gnss, self._height):
             if reader is not None:
                 reader.close()
-        if self.module is not None:
-            for opened in (self._mean, self._records):
-                if opened is not None:
-                    self.module.close_writer(opened)
         self._imu = self._gnss = self._height = self._mean = self._records = None
 
     async def write(self, now_ns: int) -> bool:

@@ -48,16 +48,14 @@ class RegisterSensor(BlockingSensor[T], Generic[T]):
         self._settings = settings
         self._cls = cls
         self._bus: RegisterBus | None = None
-        self._module: Module | None = None
         self._writer: BoardWriter[T] | None = None
 
     async def open(self, module: Module) -> None:
         """Opens the bus and the board."""
         await super().open(module)
-        self._module = module
-        self._writer = module.writer(
-            self._settings.path, self._cls, rate_hz=self._settings.rate_hz, link="request"
-        )
+        settings = self._settings
+        writer = module.writer(settings.path, self._cls, rate_hz=settings.rate_hz, link="request")
+        self._writer = self.managed(module, writer)
 
     def connect(self) -> None:
         """Opens the bus and starts the chip. Raises: DeviceError for another chip."""
@@ -92,10 +90,3 @@ class RegisterSensor(BlockingSensor[T], Generic[T]):
         if self._bus is not None:
             self._bus.close()
             self._bus = None
-
-    async def close(self) -> None:
-        """Closes the board, and the bus."""
-        await super().close()
-        if self._module is not None and self._writer is not None:
-            self._module.close_writer(self._writer)
-            self._writer = None

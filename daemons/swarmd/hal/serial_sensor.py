@@ -108,6 +108,7 @@ class SerialSensor(Sensor, Generic[T]):
         if self._line is not None:
             self._line.close()
             self._line = None
+        await super().close()
 
 
 class BoardSettings(Protocol):
@@ -144,7 +145,8 @@ class SerialBoard(SerialSensor[M], Generic[M]):
     async def open(self, module: Module) -> None:
         """Opens the line and the board. Raises: DeviceGone, DeviceError."""
         await super().open(module)
-        self._writer = module.writer(self._settings.path, self._cls, rate_hz=self._settings.rate_hz)
+        writer = module.writer(self._settings.path, self._cls, rate_hz=self._settings.rate_hz)
+        self._writer = self.managed(module, writer)
 
     def publish(self, value: M, now_ns: int) -> bool:
         """Writes the board of the sensor."""
@@ -152,10 +154,3 @@ class SerialBoard(SerialSensor[M], Generic[M]):
             return False
         self._writer.write(value, now_ns)
         return True
-
-    async def close(self) -> None:
-        """Closes the line and the board."""
-        await super().close()
-        if self.module is not None and self._writer is not None:
-            self.module.close_writer(self._writer)
-            self._writer = None

@@ -18,18 +18,15 @@ class AnalogueInputs(BlockingSensor[list[float]]):
         self.period_s = 1 / config.rate_hz
         self._config = config
         self._converter = IioDevice(config.device)
-        self._module: Module | None = None
         self._writers: list[BoardWriter[Float]] = []
 
     async def open(self, module: Module) -> None:
         """Opens a board for each channel. Raises: DeviceError as `measure`."""
         await super().open(module)
-        self._module = module
         rate_hz = self._config.rate_hz
         for channel in self._config.channels:
-            self._writers.append(
-                module.writer(channel.path, Float, unit=channel.unit, rate_hz=rate_hz, link="request")
-            )
+            writer = module.writer(channel.path, Float, unit=channel.unit, rate_hz=rate_hz, link="request")
+            self._writers.append(self.managed(module, writer))
 
     def connect(self) -> None:
         """Reads all channels once, so that a missing one is an error of the opening."""
@@ -48,9 +45,6 @@ class AnalogueInputs(BlockingSensor[list[float]]):
     async def close(self) -> None:
         """Closes the boards and ends the thread."""
         await super().close()
-        for writer in self._writers:
-            if self._module is not None:
-                self._module.close_writer(writer)
         self._writers.clear()
 
 

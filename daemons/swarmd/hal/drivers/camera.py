@@ -37,7 +37,6 @@ class Camera(BlockingSensor[Image]):
         self.period_s = 1 / config.rate_hz
         self._config = config
         self._encoding = ImageEncoding(config.encoding)
-        self._module: Module | None = None
         self._writer: BoardWriter[Image] | None = None
         self._container: Any = None
         self._images: Iterator[Image] = iter(())
@@ -45,9 +44,8 @@ class Camera(BlockingSensor[Image]):
     async def open(self, module: Module) -> None:
         """Opens the camera and its stream. Raises: DeviceError, DeviceGone."""
         await super().open(module)
-        self._module = module
         config = self._config
-        self._writer = module.stream_writer(
+        writer = module.stream_writer(
             config.path,
             Image,
             rate_hz=config.rate_hz,
@@ -56,6 +54,7 @@ class Camera(BlockingSensor[Image]):
             slot_bytes=config.width * config.height * 3 + 256,
             description="Pictures of the camera",
         )
+        self._writer = self.managed(module, writer)
 
     def connect(self) -> None:
         """Opens the camera with its size and rate. Raises: DeviceGone, DeviceError."""
@@ -121,13 +120,6 @@ class Camera(BlockingSensor[Image]):
         container, self._container, self._images = self._container, None, iter(())
         if container is not None:
             container.close()
-
-    async def close(self) -> None:
-        """Closes the stream, and the camera in its thread."""
-        await super().close()
-        if self._module is not None and self._writer is not None:
-            self._module.close_writer(self._writer)
-            self._writer = None
 
 
 def make(config: Config, site: Site) -> list[Device]:

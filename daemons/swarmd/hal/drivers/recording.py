@@ -163,17 +163,17 @@ class RecordedDevices(BlockingDevice, Sensor):
             return
         writer = self._writers.get(entry.path)
         if writer is None:
-            writer = self._writers[entry.path] = self._opened(entry, type(value))
+            writer = self._writers[entry.path] = self._open_writer(entry, type(value))
         writer.write(value, stamp_ns)
 
-    def _opened(self, entry: LogEntry, cls: type[msgspec.Struct]) -> Writer:
+    def _open_writer(self, entry: LogEntry, cls: type[msgspec.Struct]) -> Writer:
         """Opens the writer of a resource. Raises: Conflict when another program writes it."""
         if self._module is None:
             raise DeviceError(f"{self.name}: not open")
         if entry.kind in _STREAMS:
             kind: Any = entry.kind
-            return self._module.stream_writer(entry.path, cls, kind=kind)
-        return self._module.writer(entry.path, cls)
+            return self.managed(self._module, self._module.stream_writer(entry.path, cls, kind=kind))
+        return self.managed(self._module, self._module.writer(entry.path, cls))
 
     def disconnect(self) -> None:
         """Releases the entries of the log."""
@@ -183,9 +183,6 @@ class RecordedDevices(BlockingDevice, Sensor):
     async def close(self) -> None:
         """Closes the log and all resources."""
         await super().close()
-        for writer in self._writers.values():
-            if self._module is not None:
-                self._module.close_writer(writer)
         self._writers = {}
 
 

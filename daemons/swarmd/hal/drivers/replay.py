@@ -20,13 +20,11 @@ class Replay(Sensor):
         self._config = config
         self._file = folder / config.file
         self._packets: tuple[Blob, ...] = ()
-        self._module: Module | None = None
         self._writer: BoardWriter[Blob] | None = None
         self._clock: PacketClock | None = None
 
     async def open(self, module: Module) -> None:
         """Opens the recording. Raises: DeviceError when it cannot be read, or has an invalid length."""
-        self._module = module
         config = self._config
         try:
             data = self._file.read_bytes()
@@ -36,9 +34,10 @@ class Replay(Sensor):
         if not data or len(data) % size:
             raise DeviceError(f"recording {self._file}: {len(data)} bytes, expected packets of {size} bytes")
         self._packets = tuple(Blob(data[at : at + size]) for at in range(0, len(data), size))
-        self._writer = module.stream_writer(
+        writer = module.stream_writer(
             config.path, Blob, rate_hz=config.packets_hz, slots=config.slots, slot_bytes=size + 128
         )
+        self._writer = self.managed(module, writer)
         self._clock = None
 
     async def read(self, now_ns: int) -> bool:
@@ -57,9 +56,7 @@ class Replay(Sensor):
     async def close(self) -> None:
         """Closes the writer and releases the recording."""
         self._packets = ()
-        if self._module is not None and self._writer is not None:
-            self._module.close_writer(self._writer)
-            self._writer = None
+        await super().close()
 
 
 def make(config: Config, site: Site) -> list[Device]:

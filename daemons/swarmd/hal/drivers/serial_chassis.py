@@ -73,7 +73,8 @@ class SerialChassis(Chassis):
         if found.battery is None or self.module is None or now_ns - self._battery_ns < _BATTERY_NS:
             return
         if self._battery is None:
-            self._battery = self.module.writer("power/battery", BatteryState, rate_hz=1.0)
+            writer = self.module.writer("power/battery", BatteryState, rate_hz=1.0)
+            self._battery = self.managed(self.module, writer)
         self._battery_ns = now_ns
         self._battery.write(found.battery, now_ns)
 
@@ -89,9 +90,7 @@ class SerialChassis(Chassis):
         if self._line is not None:
             self._line.close()
             self._line = None
-        if self.module is not None and self._battery is not None:
-            self.module.close_writer(self._battery)
-            self._battery = None
+        self._battery = None
         await super().close()
 
 

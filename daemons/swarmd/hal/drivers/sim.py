@@ -106,16 +106,14 @@ class SimSensor(Sensor, Generic[T, U]):
         self._source = paths.simulated_sensor(device)
         self._cls = cls
         self._reader: BoardReader[T] | None = None
-        self._module: Module | None = None
         self._writer: BoardWriter[U] | None = None
         self._sequence = 0
 
     async def open(self, module: Module) -> None:
         """Opens the board of the simulation, which may not exist yet."""
-        self._module = module
         self._period.open(module)
         self._reader = module.reader(self._source, self._cls)
-        self._writer = self.publication(module)
+        self._writer = self.managed(module, self.publication(module))
 
     @abstractmethod
     def publication(self, module: Module) -> BoardWriter[U]:
@@ -147,9 +145,8 @@ class SimSensor(Sensor, Generic[T, U]):
         self._period.close()
         if self._reader is not None:
             self._reader.close()
-        if self._module is not None and self._writer is not None:
-            self._module.close_writer(self._writer)
         self._reader = self._writer = None
+        await super().close()
 
 
 class SimPassed(SimSensor[T, T]):

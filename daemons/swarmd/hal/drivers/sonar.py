@@ -34,7 +34,8 @@ class SerialSonar(SerialSensor[float]):
         await super().open(module)
         self._filter.reset()
         # without a rate, because a sonar out of range publishes nothing, which is not a fault
-        self._writer = module.writer(self._config.path, Float, unit="m", link="request")
+        writer = module.writer(self._config.path, Float, unit="m", link="request")
+        self._writer = self.managed(module, writer)
 
     def publish(self, value: float, now_ns: int) -> bool:
         """Writes the filtered height, if the ground is within the range."""
@@ -43,13 +44,6 @@ class SerialSonar(SerialSensor[float]):
             return False
         self._writer.write(Float(round(height_m, 3)), now_ns)
         return True
-
-    async def close(self) -> None:
-        """Closes the line and the board."""
-        await super().close()
-        if self.module is not None and self._writer is not None:
-            self.module.close_writer(self._writer)
-            self._writer = None
 
 
 def make(config: Config, site: Site) -> list[Device]:

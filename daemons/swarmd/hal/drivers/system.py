@@ -24,7 +24,6 @@ class System(Sensor):
     def __init__(self, rate_hz: float) -> None:
         self.period_s = 1 / rate_hz
         self._rate_hz = rate_hz
-        self._module: Module | None = None
         self._writer: BoardWriter[SystemLoad] | None = None
         self._processors: ProcessorUse | None = None
         self._disk = "/"
@@ -33,8 +32,8 @@ class System(Sensor):
 
     async def open(self, module: Module) -> None:
         """Opens the writer of `system/load`."""
-        self._module = module
-        self._writer = module.writer("system/load", SystemLoad, rate_hz=self._rate_hz)
+        writer = module.writer("system/load", SystemLoad, rate_hz=self._rate_hz)
+        self._writer = self.managed(module, writer)
         self._processors = ProcessorUse()
 
     async def read(self, now_ns: int) -> bool:
@@ -54,12 +53,6 @@ class System(Sensor):
             )
         )
         return True
-
-    async def close(self) -> None:
-        """Closes the writer of `system/load`."""
-        if self._module is not None and self._writer is not None:
-            self._module.close_writer(self._writer)
-            self._writer = None
 
 
 def make(config: Config, site: Site) -> list[Device]:

@@ -52,10 +52,9 @@ class VescMotors(Actuator):
         self._published_ns = [0 for _ in config.motors]
         self._bus = CanBus(config.interface, config.device, self._take)
         self._boards = OutputBoards(module, config.motors, config.watchdog_s)
-        self._writers = [
-            module.writer(motor.state_path, MotorControllerState, rate_hz=_STATE_HZ, link="request")
-            for motor in config.motors
-        ]
+        for motor in config.motors:
+            writer = module.writer(motor.state_path, MotorControllerState, rate_hz=_STATE_HZ, link="request")
+            self._writers.append(self.managed(module, writer))
 
     def _take(self, frame: CanFrame) -> None:
         if self._module is None:
@@ -115,10 +114,8 @@ class VescMotors(Actuator):
         if self._boards is not None:
             self._boards.close()
             self._boards = None
-        for writer in self._writers:
-            if self._module is not None:
-                self._module.close_writer(writer)
-        self._writers = []
+        self._writers.clear()
+        await super().close()
 
     def _release(self, bus: CanBus, controller: int) -> None:
         try:

@@ -28,19 +28,19 @@ class MyName(Sensor):
     def __init__(self, settings: Settings) -> None:
         self.period_s = 1 / settings.rate_hz
         self._settings = settings
-        self._module: Module | None = None
         self._writer: BoardWriter[Float] | None = None
 
     async def open(self, module: Module) -> None:
         """Open the writer; an OSError or DeviceError here means that hal tries again later."""
         self.measure()
-        self._module = module
-        self._writer = module.writer(
+        writer = module.writer(
             "sensor/my_name",
             Float,
             rate_hz=self._settings.rate_hz,
             description="The number of the device",
         )
+        # the base class closes it with the device, so that readers see that the device is lost
+        self._writer = self.managed(module, writer)
 
     async def read(self, now_ns: int) -> bool:
         """Read the device once and publish its value."""
@@ -58,12 +58,6 @@ class MyName(Sensor):
         except (IndexError, ValueError):
             what = f"{self._settings.device}: {text!r}; expected a number"
             raise DeviceError(what) from None
-
-    async def close(self) -> None:
-        """Close the writer: readers see that the device is lost."""
-        if self._module is not None and self._writer is not None:
-            self._module.close_writer(self._writer)
-            self._writer = None
 
 
 def make(config: Config, site: Site) -> list[Sensor]:
