@@ -21,8 +21,8 @@ from swarmware.errors import SwarmError
 from swarmware.model.names import MAIN, Address
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionState
+from swarmware.types.navigation import Collision
 from swarmware.types.placement import InputDelays
-from swarmware.types.vehicle import Collision
 
 MISSION: Final = "formation"
 DISTRIBUTED: Final = "uav1"

@@ -55,7 +55,7 @@ DOCUMENTS: Final = {
     "topo": "swarmctl.commands.topo.topology:SwarmTopology",
     "link ls": "swarmware.types.net:Neighbours",
     "link outages": "swarmware.types.outage:OutageTable",
-    "traffic ls": "swarmware.types.net:Traffic",
+    "traffic ls": "swarmware.types.traffic:Traffic",
     "traffic channels": "swarmctl.commands.traffic.channels:ChannelsView",
     "traffic clear": "swarmware.types.channel:ChannelLimits",
     "traffic needs": "swarmctl.commands.traffic.needs:LinkNeeds",

@@ -31,6 +31,7 @@ LONG_LINES = 350
 LONG = {
     "cli/swarmctl/commands/fleet/agent.py": "the one program that runs on a host: orders, record, process",
     "cli/swarmctl/commands/tree/command.py": "the options and help texts of a dozen commands",
+    "lib/swarmware/mission/block_reader.py": "one reader, whose parts name the place of an error alike",
     "lib/swarmware/mission/catalogue.py": "the table of built-in blocks, with the parameters of each",
     "lib/swarmware/mission/meetings.py": "one search over the states of all participants",
     "lib/swarmware/mission/reduction.py": "one reduction, whose rules share the net that they rewrite",
@@ -44,9 +45,7 @@ LONG = {
     "lib/swarmware/transport/shm/ring.py": "writer and reader of one memory layout, which change together",
     "lib/swarmware/types/channel.py": "the types of one area, which one page documents",
     "lib/swarmware/types/mission.py": "the types of one area, which one page documents",
-    "lib/swarmware/types/net.py": "the types of one area, which one page documents",
     "lib/swarmware/types/tree.py": "the types of one area, which one page documents",
-    "lib/swarmware/types/vehicle.py": "the types of one area, which one page documents",
 }
 """Files of more lines that are not split, and the reason for each."""
 

@@ -19,7 +19,7 @@ from swarmware.model.names import hardware_id
 from swarmware.transport.delivery.answer import with_lifetime
 from swarmware.transport.delivery.signature import with_node
 from swarmware.transport.sodium import SigningKey
-from swarmware.types.net import Refused
+from swarmware.types.traffic import Refused
 
 ROUNDS: Final = 9
 FRAMES: Final = 1000

@@ -18,8 +18,8 @@ from swarmware.model.resource import Kind
 from swarmware.types import registry
 from swarmware.types.health import Fault, Phase
 from swarmware.types.mission import MissionPhase, MissionState
+from swarmware.types.navigation import NavState, NavStatus
 from swarmware.types.tree import Quality, TreeEntry
-from swarmware.types.vehicle import NavState, NavStatus
 
 CLOSED = {Phase}
 """The monitor computes with it: a fault with another phase, of its own journal, is refused."""

@@ -13,7 +13,8 @@ from swarmware.model.platform_kind import NO_KIND, PlatformKind
 from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
 from swarmware.types.mission import INACTIVE, MissionPhase, MissionState
-from swarmware.types.vehicle import NavStatus, Pose, VehicleState
+from swarmware.types.navigation import NavStatus
+from swarmware.types.vehicle import Pose, VehicleState
 
 T = TypeVar("T", bound=msgspec.Struct)
 

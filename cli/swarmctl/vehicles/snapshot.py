@@ -8,7 +8,8 @@ import msgspec
 
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionState
-from swarmware.types.vehicle import NavState, NavStatus, Pose, VehicleState
+from swarmware.types.navigation import NavState, NavStatus
+from swarmware.types.vehicle import Pose, VehicleState
 
 STANDING: Final = frozenset({NavState.HOLDING, NavState.ARRIVED, NavState.IDLE})
 """States of a navigator that holds its position."""

@@ -17,8 +17,9 @@ from swarmware.geometry.geodesy import LocalMap
 from swarmware.recorder.entry import LogEntry
 from swarmware.types.health import Fault, Phase
 from swarmware.types.log import LogGap
+from swarmware.types.navigation import Collision
 from swarmware.types.scalar import Blob
-from swarmware.types.vehicle import Collision, GnssFix, MotorOrder, Pose, Range
+from swarmware.types.vehicle import GnssFix, MotorOrder, Pose, Range
 
 PREFIX: Final = "/foxglove"
 """Topics of these messages begin with it: `/foxglove/uav1/nav/pose`."""

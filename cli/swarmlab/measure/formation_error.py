@@ -8,7 +8,8 @@ import numpy as np
 
 from swarmlab.measure.tracks import Floats, VehicleTrack, resample, resample_yaw
 from swarmware.geometry.formation import FormationSlots
-from swarmware.types.vehicle import Goal, GoalKind, Pose
+from swarmware.types.navigation import Goal, GoalKind
+from swarmware.types.vehicle import Pose
 
 Goals = Sequence[tuple[float, Goal]]
 """Goals of one vehicle with their instants, in order."""

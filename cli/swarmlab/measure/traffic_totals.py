@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 
 from swarmlab.measure.tracks import Floats, TimeSeries
-from swarmware.types.net import Traffic
+from swarmware.types.traffic import Traffic
 
 Counters = Sequence[tuple[float, Traffic]]
 """A broker's counters with their instants, in order."""

@@ -18,12 +18,12 @@ from swarmware.model import paths
 from swarmware.model.config import load, share_dir
 from swarmware.model.names import natural
 from swarmware.model.platform_kind import PlatformKind
-from swarmware.types import net
 from swarmware.types.log import LogGap
 from swarmware.types.mission import MissionProgress, MissionState
-from swarmware.types.net import LinkTransport
+from swarmware.types.navigation import Collision, Goal
+from swarmware.types.net import UNACCEPTED, LinkTransport
 from swarmware.types.time import TimeFunctions
-from swarmware.types.vehicle import Collision, Goal
+from swarmware.types.traffic import Traffic
 
 GOAL: Final = "nav/goal"
 COLLISION: Final = "sim/collision"
@@ -61,7 +61,7 @@ class Analysis:
         self._tracks = {p: self._trimmed(recording.track(p)) for p in self._vehicles}
         self._goals = {p: recording.values(p, GOAL, Goal) for p in self._vehicles}
         self._formed = formation_error.formed_spans(self._goals, self._end_s)
-        self._counters = {n.platform: recording.values(n.platform, TRAFFIC, net.Traffic) for n in self._nodes}
+        self._counters = {n.platform: recording.values(n.platform, TRAFFIC, Traffic) for n in self._nodes}
         self._errors = self._formation_errors()
         self._clock_errors = {node.platform: self._clock_errors_of(node.platform) for node in metadata.nodes}
 
@@ -237,7 +237,7 @@ class Analysis:
                 link.received_frames
                 for known in self._counters.values()
                 for link in (known[-1][1].links if known else ())
-                if link.platform == net.UNACCEPTED
+                if link.platform == UNACCEPTED
             ),
             timelines=self._timelines(),
             barriers=self._barriers(),

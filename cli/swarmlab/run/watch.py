@@ -12,8 +12,9 @@ from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
 from swarmware.types.health import HealthState
 from swarmware.types.mission import INACTIVE, NOT_STARTED, MissionPhase, MissionState
-from swarmware.types.net import Traffic
-from swarmware.types.vehicle import BatteryState, NavStatus, Pose, VehicleState
+from swarmware.types.navigation import NavStatus
+from swarmware.types.traffic import Traffic
+from swarmware.types.vehicle import BatteryState, Pose, VehicleState
 
 STATE: Final = "mission/state"
 GOOD: Final = MissionPhase.DONE

@@ -57,18 +57,10 @@ from swarmware.service.channels import load_channels
 from swarmware.service.service import Service
 from swarmware.transport.security.denial_reporter import DenialReporter
 from swarmware.transport.security.keys import Keys
-from swarmware.types.net import (
-    Denial,
-    Neighbours,
-    Refused,
-    RosterState,
-    Routes,
-    SignedRoster,
-    Traffic,
-    TreePlan,
-)
+from swarmware.types.net import Denial, Neighbours, RosterState, Routes, SignedRoster, TreePlan
 from swarmware.types.outage import OutageTable
 from swarmware.types.rpc import Empty
+from swarmware.types.traffic import Refused, Traffic
 
 if TYPE_CHECKING:
     from swarmd.broker.records.metrics_server import MetricsServer

@@ -24,8 +24,8 @@ from swarmware.module.module import Module
 from swarmware.module.wakeup import Wakeup
 from swarmware.runtime.instant import stage_phase_ns, until
 from swarmware.service.service import Service
+from swarmware.types.driver import DriverState, DriverTable, LineLoad
 from swarmware.types.health import OK_STATE, Level
-from swarmware.types.vehicle import DriverState, DriverTable, LineLoad
 
 SENSOR_STAGE: Final = 1
 """Stage of an instant in which sensors are read, after the simulation's writes and before consumers

@@ -10,7 +10,8 @@ from swarmware.mission.model import MissionDefinition
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.types.fence import FenceState, MapOrigin
-from swarmware.types.vehicle import Goal, GoalKind, Pose, VehicleState
+from swarmware.types.navigation import Goal, GoalKind
+from swarmware.types.vehicle import Pose, VehicleState
 
 PERIOD_S: Final = 0.2
 """Period of the evaluation: a vehicle of 10 m/s moves 2 m in it."""

@@ -64,8 +64,9 @@ from swarmware.types.mission import (
     OrderReceipt,
     TaskAnswer,
 )
-from swarmware.types.net import Neighbours, RosterState, Routes, Traffic
+from swarmware.types.net import Neighbours, RosterState, Routes
 from swarmware.types.rpc import Empty
+from swarmware.types.traffic import Traffic
 
 log = logging.getLogger("swarm.mission")
 

@@ -15,16 +15,8 @@ from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.types.control import ControlState, DriveEvent, DriveMode, DriveRequest
-from swarmware.types.vehicle import (
-    ArmRequest,
-    Goal,
-    GoalKind,
-    NavError,
-    NavState,
-    NavStatus,
-    Pose,
-    VehicleState,
-)
+from swarmware.types.navigation import Goal, GoalKind, NavError, NavState, NavStatus
+from swarmware.types.vehicle import ArmRequest, Pose, VehicleState
 
 Settled = Callable[[NavStatus], bool]
 Progress = Callable[[NavStatus], None]

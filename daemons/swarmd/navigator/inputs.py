@@ -14,8 +14,9 @@ from swarmware.module.board import BoardReader
 from swarmware.module.boardset import BoardSet
 from swarmware.module.module import Module
 from swarmware.types.control import ControlState
+from swarmware.types.navigation import Goal
 from swarmware.types.scalar import Float
-from swarmware.types.vehicle import GnssFix, Goal, Imu, Pose, Range, VehicleState
+from swarmware.types.vehicle import GnssFix, Imu, Pose, Range, VehicleState
 
 if TYPE_CHECKING:
     from swarmware.model.airframe import Airframe

@@ -8,8 +8,9 @@ from swarmware.geometry.geodesy import Origin
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.types.fence import MapOrigin
+from swarmware.types.navigation import NavStatus
 from swarmware.types.placement import InputDelays
-from swarmware.types.vehicle import NavStatus, Pose, Setpoint
+from swarmware.types.vehicle import Pose, Setpoint
 
 LIVE_SETTINGS: Final[Mapping[str, str]] = {
     "dwa.heading_weight": "navigator/heading_weight",

@@ -18,15 +18,8 @@ from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.service.service import Service
 from swarmware.types.chassis import ActuatorOutputs, ChassisOrder, ChassisReport
-from swarmware.types.vehicle import (
-    BatteryState,
-    Collision,
-    GnssFix,
-    Imu,
-    Pose,
-    Range,
-    Setpoint,
-)
+from swarmware.types.navigation import Collision
+from swarmware.types.vehicle import BatteryState, GnssFix, Imu, Pose, Range, Setpoint
 
 
 class ChassisPort:

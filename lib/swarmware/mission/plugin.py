@@ -15,7 +15,8 @@ from typing import Any, ClassVar, Protocol
 
 from swarmware.errors import SwarmError
 from swarmware.mission.catalogue import BlockType
-from swarmware.types.vehicle import NavStatus, Pose
+from swarmware.types.navigation import NavStatus
+from swarmware.types.vehicle import Pose
 
 
 class BlockError(SwarmError):

@@ -8,7 +8,8 @@ import msgspec
 
 from swarmware.mission.catalogue import Params
 from swarmware.mission.plugin import BlockError
-from swarmware.types.vehicle import NavState, NavStatus, Pose
+from swarmware.types.navigation import NavState, NavStatus
+from swarmware.types.vehicle import Pose
 
 
 class RecordedVehicle:

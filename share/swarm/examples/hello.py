@@ -6,7 +6,8 @@ Run it on a node:  SWARM_CONFIG=/etc/swarm python hello.py
 import asyncio
 
 from swarmware import Module
-from swarmware.types.vehicle import Goal, Pose
+from swarmware.types.navigation import Goal
+from swarmware.types.vehicle import Pose
 
 
 async def main() -> None:

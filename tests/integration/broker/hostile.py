@@ -15,8 +15,8 @@ from swarmware.model.names import data_id, hardware_id
 from swarmware.transport.delivery.answer import with_lifetime
 from swarmware.transport.security.keys import Keys
 from swarmware.types import registry
-from swarmware.types.net import Refused
 from swarmware.types.scalar import Text
+from swarmware.types.traffic import Refused
 
 
 async def counted(station: Station, name: str, number: int) -> Refused:

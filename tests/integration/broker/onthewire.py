@@ -24,8 +24,8 @@ from tests.ports import free_port
 
 from swarmd.broker.core.traffic import EVERYBODY
 from swarmware.model.frame import FrameKind
-from swarmware.types.net import Traffic
 from swarmware.types.scalar import Blob, Text
+from swarmware.types.traffic import Traffic
 from swarmware.types.vehicle import Pose
 
 NAMES: Final = ("uav1", "uav2")

@@ -26,9 +26,10 @@ from swarmware.testing.tmpnode import make_node
 from swarmware.transport.delivery.outcome import Outcome, Status
 from swarmware.transport.security.root import make_swarm
 from swarmware.types.health import CheckReports
-from swarmware.types.net import BoardPublication, BoardSubscription, Neighbours, Routes, Traffic, TreePlan
+from swarmware.types.net import BoardPublication, BoardSubscription, Neighbours, Routes, TreePlan
 from swarmware.types.rpc import Empty, Reply
 from swarmware.types.scalar import Text
+from swarmware.types.traffic import Traffic
 
 T = TypeVar("T", bound=msgspec.Struct)
 P = ParamSpec("P")

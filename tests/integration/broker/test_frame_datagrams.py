@@ -22,8 +22,8 @@ from swarmd.broker.exchange.carriers.zmq_links import ZmqLinks
 from swarmware.errors import Denied, NotFound
 from swarmware.model.frame import Frame
 from swarmware.model.names import data_id
-from swarmware.types.net import Refused
 from swarmware.types.scalar import Text
+from swarmware.types.traffic import Refused
 
 PATH = "cmd/note"
 NOISE = Random(1)

@@ -25,8 +25,9 @@ from swarmware.transport.delivery import signature
 from swarmware.transport.security.keys import Keys
 from swarmware.transport.security.root import make_swarm
 from swarmware.types import registry
-from swarmware.types.net import Denial, Refused
+from swarmware.types.net import Denial
 from swarmware.types.scalar import Text
+from swarmware.types.traffic import Refused
 
 REFUSED = "refused"
 """Check of `swarmctl doctor` on what the broker refused."""

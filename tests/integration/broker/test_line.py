@@ -15,9 +15,9 @@ from swarmware.model.frame import HEADER_BYTES, FrameKind
 from swarmware.model.names import join
 from swarmware.transport.delivery.outcome import ABSENT, FULL, Status
 from swarmware.types.channel import ChannelLimits, ChannelSettings, SetChannel
-from swarmware.types.net import LinkTraffic, Traffic
 from swarmware.types.scalar import Float, Text
 from swarmware.types.time import TimingBatch
+from swarmware.types.traffic import LinkTraffic, Traffic
 from swarmware.types.vehicle import Pose
 
 NAMES = ("uav1", "uav2", "uav3")

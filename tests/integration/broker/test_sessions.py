@@ -18,7 +18,7 @@ from swarmware.model.names import hardware_id
 from swarmware.module.writer import BoardWriter
 from swarmware.transport.security.keys import Keys
 from swarmware.transport.security.seal import Sealer
-from swarmware.types.net import Traffic
+from swarmware.types.traffic import Traffic
 from swarmware.types.vehicle import Pose
 
 GROUP = "239.83.87.1"

@@ -17,7 +17,8 @@ from swarmware.module.module import Module
 from swarmware.testing.leaks import no_leaks
 from swarmware.testing.process import spawn
 from swarmware.testing.tmpnode import make_node
-from swarmware.types.vehicle import ArmRequest, Goal, GoalKind, NavStatus, Pose, VehicleState
+from swarmware.types.navigation import Goal, GoalKind, NavStatus
+from swarmware.types.vehicle import ArmRequest, Pose, VehicleState
 
 VEHICLE = ("sim", "hal", "control", "navigator")
 WORLD = "airfield"

@@ -18,18 +18,10 @@ from swarmware.testing.leaks import no_leaks
 from swarmware.testing.process import spawn
 from swarmware.testing.tmpnode import make_node
 from swarmware.types.chassis import GainsRequest
+from swarmware.types.driver import DriverTable
 from swarmware.types.health import CheckReports
-from swarmware.types.vehicle import (
-    ArmRequest,
-    DriverTable,
-    Goal,
-    GoalKind,
-    Imu,
-    KillRequest,
-    NavStatus,
-    Pose,
-    VehicleState,
-)
+from swarmware.types.navigation import Goal, GoalKind, NavStatus
+from swarmware.types.vehicle import ArmRequest, Imu, KillRequest, Pose, VehicleState
 
 VEHICLE = ("sim", "hal", "control", "navigator")
 

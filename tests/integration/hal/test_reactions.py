@@ -16,9 +16,10 @@ from swarmware.module.module import Module
 from swarmware.testing.leaks import no_leaks
 from swarmware.testing.process import spawn
 from swarmware.types.mission import ManoeuvreRequest, MissionProgress, MissionState, MissionStatus
+from swarmware.types.navigation import Collision
 from swarmware.types.reaction import Reactions
 from swarmware.types.rpc import Empty
-from swarmware.types.vehicle import BatteryState, Collision, Pose, VehicleState
+from swarmware.types.vehicle import BatteryState, Pose, VehicleState
 
 MANOEUVRE = "sys/mission/manoeuvre"
 CAPACITY_WH = 8.0

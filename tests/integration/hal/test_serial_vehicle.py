@@ -32,20 +32,11 @@ from swarmware.testing.leaks import no_leaks
 from swarmware.testing.process import spawn
 from swarmware.testing.tmpnode import make_node
 from swarmware.types.control import ControlState, DriveMode, SafetySwitch, SwitchRequest
+from swarmware.types.driver import DriverTable
+from swarmware.types.navigation import Goal, GoalKind, NavStatus
 from swarmware.types.scalar import Float
 from swarmware.types.tree import TreeEntry, TreeList, TreeListing
-from swarmware.types.vehicle import (
-    ArmRequest,
-    BatteryState,
-    DriverTable,
-    GnssFix,
-    Goal,
-    GoalKind,
-    NavStatus,
-    Pose,
-    VehicleMode,
-    VehicleState,
-)
+from swarmware.types.vehicle import ArmRequest, BatteryState, GnssFix, Pose, VehicleMode, VehicleState
 
 T = TypeVar("T", bound=msgspec.Struct)
 ARM = "sys/vehicle/arm"

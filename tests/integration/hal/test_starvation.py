@@ -27,8 +27,9 @@ from swarmware.testing.process import Process, spawn
 from swarmware.testing.tmpnode import make_node
 from swarmware.types.health import CheckReport, CheckReports
 from swarmware.types.mission import ManoeuvreRequest, MissionStatus
+from swarmware.types.navigation import Goal, GoalKind, NavStatus
 from swarmware.types.reaction import ReactionPhase, Reactions
-from swarmware.types.vehicle import ArmRequest, Goal, GoalKind, NavStatus, Pose, VehicleState
+from swarmware.types.vehicle import ArmRequest, Pose, VehicleState
 
 T = TypeVar("T", bound=msgspec.Struct)
 PARTS = ("sim", "hal", "control", "navigator")

@@ -18,21 +18,11 @@ from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.testing.leaks import no_leaks
 from swarmware.testing.process import spawn
+from swarmware.types.driver import DriverTable
+from swarmware.types.navigation import Goal, GoalKind, NavStatus
 from swarmware.types.scalar import Blob, Float
 from swarmware.types.system import SystemLoad
-from swarmware.types.vehicle import (
-    ArmRequest,
-    BatteryState,
-    DriverTable,
-    GnssFix,
-    Goal,
-    GoalKind,
-    Imu,
-    NavStatus,
-    Pose,
-    Range,
-    VehicleState,
-)
+from swarmware.types.vehicle import ArmRequest, BatteryState, GnssFix, Imu, Pose, Range, VehicleState
 
 ARM = "sys/vehicle/arm"
 

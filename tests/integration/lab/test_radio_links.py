@@ -15,7 +15,8 @@ from tests.patience import until as until_true
 from swarmctl.session import labs
 from swarmctl.session.labs import LabState
 from swarmware.module.board import BoardReader
-from swarmware.types.net import Neighbours, Traffic
+from swarmware.types.net import Neighbours
+from swarmware.types.traffic import Traffic
 from swarmware.types.vehicle import Pose
 
 Done = subprocess.CompletedProcess[str]

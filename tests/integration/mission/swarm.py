@@ -34,18 +34,10 @@ from swarmware.types.mission import (
     MissionStatus,
     OrderReceipt,
 )
+from swarmware.types.navigation import Goal, NavError, NavState, NavStatus
 from swarmware.types.rpc import Empty
 from swarmware.types.time import Conversion, TimeFunctions
-from swarmware.types.vehicle import (
-    ArmRequest,
-    BatteryState,
-    Goal,
-    NavError,
-    NavState,
-    NavStatus,
-    Pose,
-    VehicleState,
-)
+from swarmware.types.vehicle import ArmRequest, BatteryState, Pose, VehicleState
 
 T = TypeVar("T", bound=msgspec.Struct)
 P = ParamSpec("P")

@@ -16,8 +16,9 @@ from swarmware.testing.process import spawn
 from swarmware.testing.tmpnode import make_node
 from swarmware.types.fence import FenceState
 from swarmware.types.mission import ManoeuvreRequest, MissionState, MissionStatus
+from swarmware.types.navigation import NavStatus
 from swarmware.types.reaction import Reactions
-from swarmware.types.vehicle import NavStatus, Pose
+from swarmware.types.vehicle import Pose
 
 NODE = ("sim", "hal", "control", "navigator", "mission")
 BAY = {

@@ -14,8 +14,9 @@ from tests.unit.hal.status import status
 from swarmd.hal.config import Config, RecognitionRule
 from swarmd.hal.service import Hal
 from swarmware.module.module import Module
+from swarmware.types.driver import DriverTable
 from swarmware.types.mission import MissionFile, MissionTask, TaskAnswer
-from swarmware.types.vehicle import Barometer, DriverTable, GnssFix
+from swarmware.types.vehicle import Barometer, GnssFix
 
 
 async def start(s: Swarm, wait: str) -> None:

@@ -10,8 +10,9 @@ import uvloop
 from swarmware.errors import NotFound
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
+from swarmware.types.navigation import Goal, GoalKind
 from swarmware.types.scalar import Int, Text
-from swarmware.types.vehicle import Goal, GoalKind, Pose
+from swarmware.types.vehicle import Pose
 
 
 def say(*words: object) -> None:

@@ -19,9 +19,10 @@ from swarmware.testing.leaks import no_leaks
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.transport.delivery.outcome import Status
 from swarmware.types import registry
+from swarmware.types.navigation import Goal, GoalKind
 from swarmware.types.scalar import Float, Int
 from swarmware.types.time import Conversion, TimeFunctions
-from swarmware.types.vehicle import Goal, GoalKind, Pose
+from swarmware.types.vehicle import Pose
 
 
 class Pair(NamedTuple):

@@ -17,8 +17,9 @@ from swarmware.testing.process import Process, run_python
 from swarmware.testing.tmpnode import make_node
 from swarmware.transport.delivery import outbox
 from swarmware.transport.delivery.outcome import Status
+from swarmware.types.navigation import Goal, GoalKind
 from swarmware.types.scalar import Float, Int, Text
-from swarmware.types.vehicle import Goal, GoalKind, Pose
+from swarmware.types.vehicle import Pose
 
 ACTORS = str(Path(__file__).with_name("actors.py"))
 EXAMPLES = Path(__file__).parents[3] / "share/swarm/examples"

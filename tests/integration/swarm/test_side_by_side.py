@@ -12,9 +12,10 @@ from tests.patience import PATIENCE_S
 from swarmctl.session import labs
 from swarmctl.session.labs import LabState
 from swarmware.module.module import Module
-from swarmware.types.net import Neighbours, Traffic
+from swarmware.types.net import Neighbours
 from swarmware.types.rpc import Empty
 from swarmware.types.system import NodeInfo
+from swarmware.types.traffic import Traffic
 
 
 async def boots(made: Swarm) -> set[int]:

@@ -6,8 +6,9 @@ from pathlib import Path
 from tests.integration.tree.pair import Platform, on_uvloop, platforms, until
 from tests.patience import PATIENCE_S
 
-from swarmware.types.net import StructureBroadcast, Traffic
+from swarmware.types.net import StructureBroadcast
 from swarmware.types.scalar import Text
+from swarmware.types.traffic import Traffic
 from swarmware.types.tree import TreeStats
 
 NAMES = ("uav1", "uav2", "uav3", "uav4")

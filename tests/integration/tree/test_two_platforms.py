@@ -22,6 +22,7 @@ from swarmware.errors import (
 from swarmware.model.resource import Kind, Resource
 from swarmware.types.channel import ChannelLimits, ChannelSettings, SetChannel
 from swarmware.types.description import TypeDescription
+from swarmware.types.navigation import Goal, GoalKind
 from swarmware.types.scalar import Blob, Float, Int, Text
 from swarmware.types.tree import (
     Rule,
@@ -37,7 +38,7 @@ from swarmware.types.tree import (
     TreeValue,
     TypeRequest,
 )
-from swarmware.types.vehicle import Goal, GoalKind, Pose, VehicleState
+from swarmware.types.vehicle import Pose, VehicleState
 
 SPEED = Resource(
     path="config/planner/speed_m_s",

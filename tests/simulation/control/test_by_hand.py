@@ -17,7 +17,8 @@ from swarmd.sim.core.simulation import Simulation
 from swarmware.errors import Denied
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.control import DriveEvent, DriveMode, DriveRequest
-from swarmware.types.vehicle import Goal, GoalKind, Pose, Setpoint, VehicleMode, VehicleState
+from swarmware.types.navigation import Goal, GoalKind
+from swarmware.types.vehicle import Pose, Setpoint, VehicleMode, VehicleState
 
 STEP_NS = 5_000_000
 S = 1_000_000_000

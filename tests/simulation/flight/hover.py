@@ -14,7 +14,7 @@ from tests.simulation.flight.vehicle import SHARE, Flight
 from swarmd.sim.config import Config as SimConfig
 from swarmware.model.airframe_file import load_airframe
 from swarmware.types.chassis import ChassisAction
-from swarmware.types.vehicle import Goal, GoalKind, NavState
+from swarmware.types.navigation import Goal, GoalKind, NavState
 
 HEIGHT_M = 3.0
 SETTLE_S = 5.0

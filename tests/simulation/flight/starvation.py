@@ -27,7 +27,8 @@ from swarmd.sim.core.flying_body import FlyingBody
 from swarmware.geometry.attitude import to_euler
 from swarmware.types.chassis import ChassisAction, ChassisReport
 from swarmware.types.control import Drive
-from swarmware.types.vehicle import Goal, GoalKind, NavState, Pose, VehicleState
+from swarmware.types.navigation import Goal, GoalKind, NavState
+from swarmware.types.vehicle import Pose, VehicleState
 
 GUSTS = SimConfig(wind=WindConfig(mean_m_s=(4.0, 2.0, 0.0), gust_sigma_m_s=1.0, gust_tau_s=2.0))
 PARTS = ("hal", "sim", "navigator", "control")

@@ -6,7 +6,7 @@ from tests.simulation.flight.vehicle import Flight
 from swarmd.sim.config import Config as SimConfig
 from swarmd.sim.config import WindConfig
 from swarmware.types.chassis import ChassisAction
-from swarmware.types.vehicle import Goal, GoalKind, NavState
+from swarmware.types.navigation import Goal, GoalKind, NavState
 
 HEIGHT_M = 12.0
 

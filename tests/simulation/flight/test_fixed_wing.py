@@ -15,7 +15,8 @@ from swarmd.sim.config import Config as SimConfig
 from swarmd.sim.config import WindConfig
 from swarmware.model.fixed_wing_airframe import FixedWingAirframe
 from swarmware.types.chassis import ChassisAction
-from swarmware.types.vehicle import Goal, GoalKind, NavState, Setpoint
+from swarmware.types.navigation import Goal, GoalKind, NavState
+from swarmware.types.vehicle import Setpoint
 
 HEIGHT_M = 40.0
 SQUARE = ((300.0, 0.0), (300.0, 300.0), (0.0, 300.0), (0.0, 0.0))

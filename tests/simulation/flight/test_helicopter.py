@@ -10,7 +10,7 @@ from tests.simulation.seeds import seeds
 from swarmd.sim.config import Config as SimConfig
 from swarmd.sim.config import WindConfig
 from swarmware.types.chassis import ChassisAction
-from swarmware.types.vehicle import Goal, GoalKind, NavState
+from swarmware.types.navigation import Goal, GoalKind, NavState
 
 SEEDS = [number + 1 for number in seeds(1, 10)]
 DURATION_S = 300.0 if len(SEEDS) == 10 else 60.0

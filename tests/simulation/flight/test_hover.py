@@ -12,7 +12,8 @@ from swarmd.sim.config import Config as SimConfig
 from swarmd.sim.config import SensorsConfig, WindConfig
 from swarmware.model.airframe import MultirotorAirframe
 from swarmware.types.chassis import ChassisAction
-from swarmware.types.vehicle import Goal, GoalKind, NavState, Setpoint
+from swarmware.types.navigation import Goal, GoalKind, NavState
+from swarmware.types.vehicle import Setpoint
 
 AIRFRAMES = pytest.mark.parametrize("airframe", ["quad_1k5", "hexa_14k"])
 

@@ -13,7 +13,8 @@ from swarmd.hal.core.flight.motor_phase import FlightSample, MotorPhase, MotorSw
 from swarmware.model.airframe import MultirotorAirframe
 from swarmware.model.helicopter_airframe import HelicopterAirframe
 from swarmware.types.chassis import ActuatorOutputs, ChassisAction, ChassisOrder
-from swarmware.types.vehicle import Goal, GoalKind, NavState, Setpoint, VehicleState
+from swarmware.types.navigation import Goal, GoalKind, NavState
+from swarmware.types.vehicle import Setpoint, VehicleState
 
 BOTH = pytest.mark.parametrize("airframe", ["quad_1k5", "hexa_14k", "helicopter"])
 MOTOR, SERVO = MotorPulse(channel=0), ServoPulse(channel=0)

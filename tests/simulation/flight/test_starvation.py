@@ -21,7 +21,7 @@ from tests.simulation.seeds import cases, seeds
 
 from swarmd.sim.config import Config as SimConfig
 from swarmd.sim.config import WindConfig
-from swarmware.types.vehicle import Goal, GoalKind
+from swarmware.types.navigation import Goal, GoalKind
 
 BREEZE = SimConfig(wind=WindConfig(mean_m_s=(2.0, 1.0, 0.0), gust_sigma_m_s=0.3, gust_tau_s=2.0))
 """Wind of the helicopter, whose height varies by more than half a metre in stronger gusts without any

@@ -18,7 +18,8 @@ from swarmware.model.airframe_file import load_airframe
 from swarmware.model.config import load
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.chassis import ActuatorOutputs, ChassisAction, ChassisOrder
-from swarmware.types.vehicle import Collision, Goal, NavState, NavStatus, Setpoint
+from swarmware.types.navigation import Collision, Goal, NavState, NavStatus
+from swarmware.types.vehicle import Setpoint
 
 SHARE = Path(__file__).parents[3] / "share/swarm"
 MS = 1_000_000

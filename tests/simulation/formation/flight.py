@@ -17,7 +17,8 @@ from swarmware.geometry.formation import FormationSlots, place
 from swarmware.geometry.world import World
 from swarmware.model.config import load
 from swarmware.model.platform_kind import PlatformKind
-from swarmware.types.vehicle import Collision, Goal, GoalKind, NavState, NavStatus, Pose
+from swarmware.types.navigation import Collision, Goal, GoalKind, NavState, NavStatus
+from swarmware.types.vehicle import Pose
 
 ROOT = Path(__file__).parents[3]
 COURSE = ((0.0, 0.0), (32.0, 0.0), (62.0, 20.0), (95.0, 20.0))

@@ -18,8 +18,9 @@ from swarmware.model.names import data_id
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.testing.virtual import VirtualClock, VirtualSwarm
 from swarmware.types.chassis import ChassisAction, ChassisOrder
+from swarmware.types.navigation import Goal, GoalKind
 from swarmware.types.net import BoardPublication, BoardSubscription, ConnectionStatus, TreePlan
-from swarmware.types.vehicle import Goal, GoalKind, Pose, Setpoint, VehicleState
+from swarmware.types.vehicle import Pose, Setpoint, VehicleState
 
 MS: Final = 1_000_000
 SECOND: Final = 1000 * MS

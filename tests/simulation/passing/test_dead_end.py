@@ -15,7 +15,8 @@ from swarmd.sim.config import GroundLimits, MultirotorLimits
 from swarmd.sim.core.ground import Ground
 from swarmd.sim.core.multirotor import Multirotor
 from swarmware.geometry.world import Bounds, Circle, World
-from swarmware.types.vehicle import Goal, GoalKind, NavError, NavState, NavStatus, Pose, Range, VehicleState
+from swarmware.types.navigation import Goal, GoalKind, NavError, NavState, NavStatus
+from swarmware.types.vehicle import Pose, Range, VehicleState
 
 STEP_S: Final = 0.05
 BEAMS: Final = 72

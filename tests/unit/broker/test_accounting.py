@@ -10,7 +10,7 @@ from swarmware.model.frame import Frame, FrameKind
 from swarmware.transport.delivery.answer import answer, reply
 from swarmware.transport.delivery.outcome import Status
 from swarmware.types import registry
-from swarmware.types.net import ChannelTraffic
+from swarmware.types.traffic import ChannelTraffic
 from swarmware.types.tree import TreeItem, TreeNotify
 
 PATHS = {5: "cmd/goto", NOTIFY_ID: "sys/tree/notify"}

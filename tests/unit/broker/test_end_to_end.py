@@ -27,7 +27,7 @@ from swarmware.transport.delivery.answer import answer, with_lifetime
 from swarmware.transport.delivery.outcome import Status
 from swarmware.transport.delivery.signature import split, with_node
 from swarmware.transport.sodium import SigningKey
-from swarmware.types.net import Refused
+from swarmware.types.traffic import Refused
 
 SECOND: Final = 1_000_000_000
 MEMBERS: Final = {name: SigningKey(name.encode().ljust(32)) for name in ("gcs", "uav1", "uav2")}

@@ -13,18 +13,9 @@ from swarmd.broker.core.reports.metrics_page import metrics_page
 from swarmd.broker.records.metrics_server import HttpAnswer, judge
 from swarmware.errors import InvalidInput
 from swarmware.model.platform_kind import PlatformKind
-from swarmware.types.net import (
-    ChannelTraffic,
-    ConnectionStatus,
-    LinkStatus,
-    LinkTraffic,
-    LinkTransport,
-    Neighbours,
-    NeighbourState,
-    Refused,
-    Traffic,
-)
+from swarmware.types.net import ConnectionStatus, LinkStatus, LinkTransport, Neighbours, NeighbourState
 from swarmware.types.outage import LinkOutage, OutageCause, OutagePhase, OutageTable
+from swarmware.types.traffic import ChannelTraffic, LinkTraffic, Refused, Traffic
 
 Samples = dict[tuple[str, frozenset[tuple[str, str]]], float]
 

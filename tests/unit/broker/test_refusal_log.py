@@ -3,7 +3,7 @@
 import pytest
 
 from swarmd.broker.core.reports.report import LOG_NS, RefusalLine, RefusalLog
-from swarmware.types.net import CERTAINLY_HOSTILE, HOSTILE, Refused
+from swarmware.types.traffic import CERTAINLY_HOSTILE, HOSTILE, Refused
 
 
 @pytest.mark.parametrize("name", HOSTILE)

@@ -9,8 +9,9 @@ import msgspec
 from swarmware.recorder.entry import LogEntry
 from swarmware.types import registry
 from swarmware.types.health import Fault, Phase
+from swarmware.types.navigation import Goal, GoalKind
 from swarmware.types.scalar import Blob
-from swarmware.types.vehicle import GnssFix, Goal, GoalKind, Imu, Pose, Range
+from swarmware.types.vehicle import GnssFix, Imu, Pose, Range
 
 UTC = 1_700_000_000_000_000_000
 

@@ -3,7 +3,8 @@
 from swarmctl.vehicles.snapshot import VehicleSnapshot
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionPhase, MissionState
-from swarmware.types.vehicle import NavState, NavStatus, Pose, VehicleState
+from swarmware.types.navigation import NavState, NavStatus
+from swarmware.types.vehicle import Pose, VehicleState
 
 DOWN = VehicleState(False, True)
 

@@ -16,10 +16,11 @@ from swarmware.transport.delivery.outcome import Outcome, Status
 from swarmware.types.described import class_of
 from swarmware.types.description import FieldDescription, StructDescription, TypeDescription
 from swarmware.types.mission import MissionAbort
+from swarmware.types.navigation import Goal, GoalKind
 from swarmware.types.rpc import Empty
 from swarmware.types.scalar import Float, Text
 from swarmware.types.tree import TreeEntry, TreeListing
-from swarmware.types.vehicle import ArmRequest, Goal, GoalKind, VehicleState
+from swarmware.types.vehicle import ArmRequest, VehicleState
 
 ARM = "/uav1/sys/vehicle/arm"
 GOTO = "/uav1/cmd/goto"

@@ -42,9 +42,10 @@ from swarmware.types.config import ConfigKey, ConfigOrigin, EffectiveConfig
 from swarmware.types.description import FieldDescription, StructDescription, TypeDescription
 from swarmware.types.health import FaultList
 from swarmware.types.mission import LeftOut, MissionPlan, MissionTask, TaskAnswer
-from swarmware.types.net import Neighbours, Routes, Traffic
+from swarmware.types.net import Neighbours, Routes
 from swarmware.types.register import Register
 from swarmware.types.system import NodeInfo
+from swarmware.types.traffic import Traffic
 from swarmware.types.tree import (
     Quality,
     TreeEntry,

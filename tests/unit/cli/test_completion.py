@@ -22,8 +22,9 @@ from swarmware.transport.appfile.file import AppFile
 from swarmware.types.description import describe
 from swarmware.types.field_values import DEPTH, field_values
 from swarmware.types.mission import MissionAbort
+from swarmware.types.navigation import Goal, GoalKind
 from swarmware.types.scalar import Text
-from swarmware.types.vehicle import ArmRequest, Goal, GoalKind, Pose
+from swarmware.types.vehicle import ArmRequest, Pose
 
 SEEN = [
     CachedResource("/gcs/tree", "branch", "r"),

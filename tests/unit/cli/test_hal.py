@@ -8,8 +8,9 @@ from swarmctl.commands.hal.drivers import list_drivers
 from swarmware.errors import Denied, NoAnswer, Partial
 from swarmware.types import registry
 from swarmware.types.chassis import SensorCalibrated, SensorCalibrationKind
+from swarmware.types.driver import DriverState, DriverStatus, DriverTable
 from swarmware.types.tree import Quality, TreeValue
-from swarmware.types.vehicle import DriverState, DriverStatus, DriverTable, VehicleState
+from swarmware.types.vehicle import VehicleState
 
 IMU = DriverStatus("imu", DriverState.RUNNING, 300.0, 299.7, 1.93, 900, 2, 1, "", False, 0.84)
 CHASSIS = DriverStatus("wheels", DriverState.FAILSAFE, 20.0, 20.0, 0.5, 9, 0, 0, "no set-point", True)

@@ -4,8 +4,8 @@ import msgspec
 import pytest
 
 from swarmctl.commands.doctor.placement_verdict import judge
+from swarmware.types.driver import LineLoad
 from swarmware.types.placement import PlacedApplication, RemoteInput, UnitPlacement
-from swarmware.types.vehicle import LineLoad
 
 LINK = 100e6
 

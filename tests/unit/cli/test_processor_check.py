@@ -10,7 +10,7 @@ from swarmware.model.names import data_id
 from swarmware.transport.shm.layout import ring_file
 from swarmware.transport.shm.ring import RingWriter
 from swarmware.types import registry
-from swarmware.types.net import Refused, Traffic
+from swarmware.types.traffic import Refused, Traffic
 
 BOARD = "net/traffic"
 

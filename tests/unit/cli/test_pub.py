@@ -19,9 +19,9 @@ from swarmware.errors import Conflict, Denied, InvalidInput, NotFound, OutOfRang
 from swarmware.model.resource import Kind, Resource
 from swarmware.node.node import Node
 from swarmware.types.description import FieldDescription, StructDescription, TypeDescription
+from swarmware.types.navigation import Goal, GoalKind
 from swarmware.types.scalar import Float, Int, Text
 from swarmware.types.tree import TreeEntry, TreeListing
-from swarmware.types.vehicle import Goal, GoalKind
 
 PATH = "/gcs/test/height"
 

@@ -38,10 +38,11 @@ from swarmware.testing.virtual import VirtualClock, VirtualTime
 from swarmware.transport.enrolment.inviter import Invitation
 from swarmware.transport.enrolment.token import JoinToken
 from swarmware.types import registry
+from swarmware.types.driver import DriverTable
 from swarmware.types.health import HealthState
 from swarmware.types.net import Routes, RouteState
 from swarmware.types.tree import Quality, TreeValue
-from swarmware.types.vehicle import DriverTable, Pose
+from swarmware.types.vehicle import Pose
 
 WIDTH = 80
 PLATFORMS = [f"harbour_survey_uav{number}" for number in range(1, 13)]

@@ -15,7 +15,8 @@ from swarmware.types.channel import (
     ChannelStates,
     CompressionState,
 )
-from swarmware.types.net import ChannelTraffic, LinkTraffic, LinkTransport, Traffic
+from swarmware.types.net import LinkTransport
+from swarmware.types.traffic import ChannelTraffic, LinkTraffic, Traffic
 from swarmware.types.tree import TreeEntry, TreeListing, TreeValue
 
 LIDAR, CAMERA, POSE = "sensor/lidar", "sensor/camera", "nav/pose"

@@ -15,7 +15,8 @@ from swarmctl.commands.traffic.rates import ChannelRates, LinkRates, rates
 from swarmware.errors import NotFound
 from swarmware.testing.virtual import VirtualClock, VirtualTime
 from swarmware.types.channel import RATE_MAX_HZ, ChannelSettings, ChannelState, ChannelStates
-from swarmware.types.net import ChannelTraffic, LinkTraffic, LinkTransport, Traffic
+from swarmware.types.net import LinkTransport
+from swarmware.types.traffic import ChannelTraffic, LinkTraffic, Traffic
 
 S = 1_000_000_000
 AUTO = ChannelSettings(RATE_MAX_HZ, adaptive=True)

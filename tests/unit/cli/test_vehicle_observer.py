@@ -12,7 +12,8 @@ from swarmctl.vehicles.snapshot import BUILT_IN, VehicleSnapshot, arrived_at, ri
 from swarmware.errors import NoAnswer, Partial, SwarmError
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import MissionPhase, MissionState
-from swarmware.types.vehicle import NavState, NavStatus, Pose, VehicleState
+from swarmware.types.navigation import NavState, NavStatus
+from swarmware.types.vehicle import Pose, VehicleState
 
 S = 1_000_000_000
 

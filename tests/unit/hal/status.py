@@ -5,8 +5,8 @@ import asyncio
 from swarmd.hal.driver import Sensor
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
+from swarmware.types.driver import DriverStatus, DriverTable
 from swarmware.types.health import CheckReports
-from swarmware.types.vehicle import DriverStatus, DriverTable
 
 
 class Counter(Sensor):

@@ -9,8 +9,8 @@ from tests.unit.hal.status import status
 from swarmd.hal.config import AdcDriver, AnalogueChannel, Config
 from swarmd.hal.driver import DeviceError
 from swarmd.hal.drivers.adc import AnalogueInputs
+from swarmware.types.driver import DriverTable
 from swarmware.types.scalar import Float
-from swarmware.types.vehicle import DriverTable
 
 CHANNELS = (
     AnalogueChannel(channel=0, path="power/main", per_volt=11.0),

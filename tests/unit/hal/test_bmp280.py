@@ -14,8 +14,9 @@ from swarmd.hal.config import Bmp280Driver, Config
 from swarmd.hal.core.bmp280 import DATA, Calibration, calibration, measurement
 from swarmd.hal.drivers.bmp280 import Bmp280
 from swarmware.errors import WireError
+from swarmware.types.driver import DriverTable
 from swarmware.types.health import CheckReports
-from swarmware.types.vehicle import Barometer, DriverTable
+from swarmware.types.vehicle import Barometer
 
 T = (27504, 26435, -1000)
 P = (36477, -10685, 3024, 2855, 140, -7, 15500, -14600, 6000)

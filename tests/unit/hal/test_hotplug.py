@@ -17,8 +17,9 @@ from swarmd.hal.hotplug import configured, nodes, usb_id
 from swarmware.errors import ConfigError
 from swarmware.model.config import parse
 from swarmware.runtime.pseudo_terminal import PseudoTerminal
+from swarmware.types.driver import DriverTable
 from swarmware.types.health import CheckReports
-from swarmware.types.vehicle import DriverTable, GnssFix
+from swarmware.types.vehicle import GnssFix
 
 GNSS = RecognitionRule(path="/dev/ttyUSB*", usb="1546:01A8", driver="nmea", settings={"baud": 38400})
 ANY = RecognitionRule(path="/dev/ttyUSB*", driver="anemometer")

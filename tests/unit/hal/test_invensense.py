@@ -15,7 +15,8 @@ from swarmd.hal.config import Axis, Config, InvensenseDriver
 from swarmd.hal.core.invensense import DATA, is_right_handed, measurement
 from swarmd.hal.drivers.invensense import InvensenseImu
 from swarmware.errors import ConfigError, WireError
-from swarmware.types.vehicle import DriverTable, Imu
+from swarmware.types.driver import DriverTable
+from swarmware.types.vehicle import Imu
 
 FAST = Config(drivers=(), retry_s=0.05, failures=2, report_hz=50.0)
 UPRIGHT: tuple[Axis, Axis, Axis] = ("x", "y", "z")

@@ -21,8 +21,8 @@ from swarmd.hal.driver import Site
 from swarmware.errors import ConfigError
 from swarmware.model.config import parse
 from swarmware.model.platform_kind import PlatformKind
+from swarmware.types.driver import DriverTable, LineLoad
 from swarmware.types.health import CheckReports
-from swarmware.types.vehicle import DriverTable, LineLoad
 
 SITE = Site(PlatformKind.UAV, "")
 I2C = "/dev/i2c-1"

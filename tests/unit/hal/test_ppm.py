@@ -20,7 +20,8 @@ from swarmware.devices.crsf import RcChannels
 from swarmware.devices.ppm import PpmDecoder
 from swarmware.module.module import Module
 from swarmware.types.control import SafetySwitch
-from swarmware.types.vehicle import DriverTable, Setpoint, VehicleMode
+from swarmware.types.driver import DriverTable
+from swarmware.types.vehicle import Setpoint, VehicleMode
 
 FRAME_US = 22_500.0
 FAST = Config(drivers=(), retry_s=0.05, failures=1, report_hz=50.0)

@@ -15,8 +15,8 @@ from swarmware.recorder import spool
 from swarmware.recorder.query import FolderSource, Query
 from swarmware.recorder.segment import LogChannel, SegmentWriter
 from swarmware.types import registry
+from swarmware.types.driver import DriverTable
 from swarmware.types.scalar import Blob, Float
-from swarmware.types.vehicle import DriverTable
 
 FAST = Config(drivers=(), retry_s=0.05, report_hz=50.0, failures=1)
 UTC = 1_700_000_000_000_000_000

@@ -15,7 +15,8 @@ from swarmd.hal.drivers.crsf import CrsfReceiver
 from swarmware.devices.crsf import RcChannels, channels_frame, link_frame
 from swarmware.runtime.pseudo_terminal import PseudoTerminal
 from swarmware.types.control import RemoteLink, SafetySwitch
-from swarmware.types.vehicle import DriverTable, Setpoint, VehicleMode
+from swarmware.types.driver import DriverTable
+from swarmware.types.vehicle import Setpoint, VehicleMode
 
 AUTO, MANUAL = VehicleMode.AUTO, VehicleMode.MANUAL
 

@@ -1,7 +1,7 @@
 """A driver's schedule: absolute instants, rate and lateness."""
 
 from swarmd.hal.core.schedule import Schedule
-from swarmware.types.vehicle import DriverState
+from swarmware.types.driver import DriverState
 
 MS = 1_000_000
 

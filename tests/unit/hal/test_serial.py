@@ -23,16 +23,9 @@ from swarmware.testing.firmware import ChassisFirmware
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.types.chassis import ChassisReport, GainsRequest
 from swarmware.types.control import Drive
+from swarmware.types.driver import DriverTable
 from swarmware.types.health import CheckReport, CheckReports
-from swarmware.types.vehicle import (
-    ArmRequest,
-    BatteryState,
-    DriverTable,
-    GnssFix,
-    KillRequest,
-    Setpoint,
-    VehicleState,
-)
+from swarmware.types.vehicle import ArmRequest, BatteryState, GnssFix, KillRequest, Setpoint, VehicleState
 
 DATA = Path(__file__).parents[2] / "data"
 ZDA = b"$GPZDA,201530.00,04,07,2002,00,00*60\r\n"

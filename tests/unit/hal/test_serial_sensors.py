@@ -14,8 +14,9 @@ from swarmd.hal.drivers.vectornav import VectorNavImu
 from swarmware.devices.maxbotix import SonarUnit, reading
 from swarmware.devices.vectornav import frame
 from swarmware.runtime.pseudo_terminal import PseudoTerminal
+from swarmware.types.driver import DriverTable
 from swarmware.types.scalar import Float
-from swarmware.types.vehicle import DriverTable, Imu
+from swarmware.types.vehicle import Imu
 
 FAST = Config(drivers=(), retry_s=0.05, report_hz=50.0, failures=1)
 LEVEL = Imu(0.0, 0.0, 0.25, 0.0, 0.0, 9.75, 0.5)

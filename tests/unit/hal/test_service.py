@@ -13,8 +13,8 @@ from swarmd.hal.config import Config
 from swarmd.hal.driver import Actuator
 from swarmware.module.module import Module
 from swarmware.testing.tmpnode import tmp_node
+from swarmware.types.driver import DriverTable
 from swarmware.types.health import CheckReports
-from swarmware.types.vehicle import DriverTable
 
 FAST = Config(drivers=(), retry_s=0.05, failures=2, report_hz=50.0)
 

@@ -15,9 +15,10 @@ from swarmd.hal.driver import DeviceError, DeviceGone
 from swarmd.hal.drivers.servo import Servos
 from swarmd.hal.outputs import ActuatorOutput
 from swarmware.module.module import Module
+from swarmware.types.driver import DriverTable
 from swarmware.types.health import CheckReports
 from swarmware.types.scalar import Float
-from swarmware.types.vehicle import DriverTable, VehicleState
+from swarmware.types.vehicle import VehicleState
 
 FAST = Config(drivers=(), retry_s=0.05, failures=2, report_hz=50.0)
 RUDDER = ServoOutput(channel=0, path="act/rudder", range_us=400.0)

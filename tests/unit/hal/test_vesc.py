@@ -18,8 +18,9 @@ from swarmd.hal.core.vesc import VescState, command
 from swarmd.hal.driver import DeviceError, DeviceGone
 from swarmd.hal.drivers.vesc import VescMotors
 from swarmware.errors import WireError
+from swarmware.types.driver import DriverTable
 from swarmware.types.scalar import Float
-from swarmware.types.vehicle import DriverTable, MotorControllerState, VehicleState
+from swarmware.types.vehicle import MotorControllerState, VehicleState
 
 can = pytest.importorskip("can", reason="needs the extra can")
 

@@ -11,9 +11,11 @@ from swarmware.model.platform_kind import PlatformKind
 from swarmware.recorder.segment import LogChannel, SegmentWriter
 from swarmware.types import registry
 from swarmware.types.mission import MissionProgress, OrderReceipt
-from swarmware.types.net import LinkTraffic, LinkTransport, Refused, Traffic
+from swarmware.types.navigation import Goal, GoalKind
+from swarmware.types.net import LinkTransport
 from swarmware.types.time import Conversion, TimeFunctions
-from swarmware.types.vehicle import Goal, GoalKind, Pose
+from swarmware.types.traffic import LinkTraffic, Refused, Traffic
+from swarmware.types.vehicle import Pose
 
 ORIGIN_NS = 7_000_000_000_000
 

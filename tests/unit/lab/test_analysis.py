@@ -25,8 +25,9 @@ from swarmlab.report.report import ExperimentReport, MeanMax
 from swarmlab.run.notify import Restarts
 from swarmware.types.log import GapCause, LogGap
 from swarmware.types.mission import BarrierResult, MissionPhase, MissionProgress, MissionState
-from swarmware.types.net import LinkTraffic, LinkTransport, Traffic
-from swarmware.types.vehicle import Collision
+from swarmware.types.navigation import Collision
+from swarmware.types.net import LinkTransport
+from swarmware.types.traffic import LinkTraffic, Traffic
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import pytest
 
 from swarmlab.measure import formation_error, tracks
 from swarmlab.measure.tracks import VehicleTrack
-from swarmware.types.vehicle import Goal, GoalKind
+from swarmware.types.navigation import Goal, GoalKind
 
 COURSE = ((0.0, 0.0), (100.0, 0.0))
 

@@ -18,7 +18,7 @@ from swarmware.mission.loader import load
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.control import ControlState, DriveMode
 from swarmware.types.mission import MissionPhase, MissionState
-from swarmware.types.vehicle import NavError, NavState, NavStatus
+from swarmware.types.navigation import NavError, NavState, NavStatus
 
 MANUAL = ControlState(DriveMode.MANUAL, "anna@gcs", 7)
 HELD = ControlState(DriveMode.HOLD, "anna@gcs", 7)

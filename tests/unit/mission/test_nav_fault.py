@@ -5,7 +5,7 @@ import pytest
 
 from swarmd.mission.core.nav_fault import KINDS, NavFaultTimeouts
 from swarmware.mission.catalogue import BLOCKS
-from swarmware.types.vehicle import NavError, NavState, NavStatus
+from swarmware.types.navigation import NavError, NavState, NavStatus
 
 S = 1_000_000_000
 LIMITS = dict.fromkeys((NavError.NONE, NavError.NO_WAY, NavError.LEADER_LOST, NavError.NO_POSITION), 5.0)

@@ -7,16 +7,8 @@ from swarmd.navigator.core.air_controller import AirController
 from swarmd.navigator.core.ground_controller import GroundController
 from swarmd.navigator.core.navigator import NavigatorCore, NavigatorOutput
 from swarmware.geometry.geodesy import LocalMap, Origin
-from swarmware.types.vehicle import (
-    GnssFix,
-    Goal,
-    Imu,
-    NavState,
-    NavStatus,
-    Pose,
-    Setpoint,
-    VehicleState,
-)
+from swarmware.types.navigation import Goal, NavState, NavStatus
+from swarmware.types.vehicle import GnssFix, Imu, Pose, Setpoint, VehicleState
 
 ORIGIN = Origin(lat_deg=48.0, lon_deg=11.0)
 

@@ -4,7 +4,7 @@ import pytest
 from tests.unit.navigator.rig import Rig
 
 from swarmd.navigator.config import Config
-from swarmware.types.vehicle import Goal, GoalKind
+from swarmware.types.navigation import Goal, GoalKind
 
 TOUCH_DOWN_M_S = Config().air.touch_down_m_s
 

@@ -13,18 +13,8 @@ from swarmd.navigator.core.target import MovingObstacle, Surroundings, Target
 from swarmware.geometry.geodesy import LocalMap, Origin
 from swarmware.model.airframe_file import load_airframe
 from swarmware.model.fixed_wing_airframe import FixedWingAirframe
-from swarmware.types.vehicle import (
-    GnssFix,
-    Goal,
-    GoalKind,
-    Imu,
-    NavError,
-    NavState,
-    NavStatus,
-    Pose,
-    Setpoint,
-    VehicleState,
-)
+from swarmware.types.navigation import Goal, GoalKind, NavError, NavState, NavStatus
+from swarmware.types.vehicle import GnssFix, Imu, Pose, Setpoint, VehicleState
 
 SHARE = Path(__file__).parents[3] / "share/swarm"
 CONFIG, FREE = Config(), Surroundings()

@@ -16,17 +16,8 @@ from swarmd.navigator.core.prediction import ReceivedPose, predicted
 from swarmware.geometry.geodesy import LocalMap, Origin
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.control import ControlState, DriveMode
-from swarmware.types.vehicle import (
-    GnssFix,
-    Goal,
-    GoalKind,
-    Imu,
-    NavError,
-    NavState,
-    Pose,
-    Setpoint,
-    VehicleState,
-)
+from swarmware.types.navigation import Goal, GoalKind, NavError, NavState
+from swarmware.types.vehicle import GnssFix, Imu, Pose, Setpoint, VehicleState
 
 ORIGIN = Origin(lat_deg=48.0, lon_deg=11.0)
 STEP_S = 0.05

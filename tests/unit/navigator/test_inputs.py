@@ -12,7 +12,8 @@ from swarmware.module.module import Module
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.types import registry
 from swarmware.types.control import ControlState
-from swarmware.types.vehicle import Goal, Pose, Range, VehicleState
+from swarmware.types.navigation import Goal
+from swarmware.types.vehicle import Pose, Range, VehicleState
 
 
 class Navigator:

@@ -10,16 +10,8 @@ from swarmd.navigator.config import Config
 from swarmd.navigator.core.ground_controller import GroundController
 from swarmd.navigator.core.navigator import NavigatorCore
 from swarmd.navigator.core.target import Surroundings, Target
-from swarmware.types.vehicle import (
-    GnssFix,
-    Goal,
-    GoalKind,
-    Imu,
-    NavError,
-    Pose,
-    Range,
-    VehicleState,
-)
+from swarmware.types.navigation import Goal, GoalKind, NavError
+from swarmware.types.vehicle import GnssFix, Imu, Pose, Range, VehicleState
 
 COURSE = ((0.0, 0.0), (50.0, 0.0))
 

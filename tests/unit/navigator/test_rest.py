@@ -16,7 +16,8 @@ from swarmd.sim.config import SensorsConfig
 from swarmd.sim.core.sensors import SensorErrors
 from swarmware.geometry.geodesy import GRAVITY_M_S2
 from swarmware.geometry.world import Bounds, World
-from swarmware.types.vehicle import Goal, GoalKind, Imu, Pose, VehicleState
+from swarmware.types.navigation import Goal, GoalKind
+from swarmware.types.vehicle import Imu, Pose, VehicleState
 
 WORLD = World(description="", bounds=Bounds(x_m=(-100.0, 100.0), y_m=(-100.0, 100.0)))
 MS = 1_000_000

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from swarmd.tree.core.values.value import check_settable, typed, unpacked, with_field
 from swarmware.errors import Denied, InvalidInput, NotFound, OutOfRange, SwarmError, TypeMismatch
 from swarmware.model.resource import Kind, Resource
+from swarmware.types.navigation import Goal, GoalKind
 from swarmware.types.scalar import Bool, Float, Int, Text
-from swarmware.types.vehicle import Goal, GoalKind, Pose
+from swarmware.types.vehicle import Pose
 
 SPEED = Resource(
     path="config/speed_m_s",

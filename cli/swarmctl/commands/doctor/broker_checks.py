@@ -14,7 +14,7 @@ from swarmware.transport.security.keys import FORMER_MAX
 from swarmware.transport.shm.layout import ring_file
 from swarmware.transport.shm.ring import RingReader
 from swarmware.types import registry
-from swarmware.types.net import CERTAINLY_HOSTILE, HOSTILE, Traffic
+from swarmware.types.traffic import CERTAINLY_HOSTILE, HOSTILE, Traffic
 
 MISSED: Final = (
     "a member with an old roster joins again: `swarmctl keys invite`, then `swarmctl keys join --replace`"

@@ -12,8 +12,8 @@ from swarmctl.terminal.table import Cell, Column, Detail, rows_of
 from swarmware.errors import NoAnswer, SwarmError
 from swarmware.model import names
 from swarmware.model.names import MAIN, Address
+from swarmware.types.driver import DriverTable
 from swarmware.types.placement import PlacementRequest, UnitPlacement
-from swarmware.types.vehicle import DriverTable
 
 WINDOW_S: Final = 3.0
 """Time of the measurement: some values also of resources with 1 Hz."""

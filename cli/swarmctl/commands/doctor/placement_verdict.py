@@ -6,8 +6,8 @@ from typing import Final, Literal
 
 import msgspec
 
+from swarmware.types.driver import LineLoad
 from swarmware.types.placement import PlacedApplication, RemoteInput, UnitPlacement
-from swarmware.types.vehicle import LineLoad
 
 CAPACITY_RATIO: Final = 0.8
 """Share of a computer's cores above which values wait for the processor: in an M/M/1 queue at 80 % the mean

@@ -7,7 +7,7 @@ from swarmctl.resources.fanout import read_boards, warn_errors
 from swarmctl.session.session import Session
 from swarmctl.terminal.table import Cell, Column
 from swarmware.errors import Partial
-from swarmware.types.vehicle import DriverStatus, DriverTable
+from swarmware.types.driver import DriverStatus, DriverTable
 
 
 class PlatformDrivers(msgspec.Struct, frozen=True):

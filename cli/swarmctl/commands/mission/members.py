@@ -21,8 +21,9 @@ from swarmware.errors import NotFound, Partial, SwarmError
 from swarmware.model import names
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.mission import INACTIVE, NOT_STARTED, MissionPhase, MissionState, MissionStatus
+from swarmware.types.navigation import NavStatus
 from swarmware.types.rpc import Empty
-from swarmware.types.vehicle import NavStatus, Pose
+from swarmware.types.vehicle import Pose
 
 UNSUCCESSFUL: Final = INACTIVE - {MissionPhase.DONE}
 SILENT_S: Final = 5.0

@@ -6,8 +6,9 @@ import msgspec
 
 from swarmctl.session.session import Session
 from swarmctl.terminal.table import Column
-from swarmware.types.net import UNACCEPTED, Traffic
+from swarmware.types.net import UNACCEPTED
 from swarmware.types.rpc import Empty
+from swarmware.types.traffic import Traffic
 
 _DROP: Final = {"DUPLICATE": 7, "LATE": 6, "HELD BACK": 5, "MAX HZ": 4, "DROPPED": 3, "LOST": 2, "OFFERED": 1}
 """Columns that a narrow terminal hides, the highest number first."""

@@ -15,8 +15,8 @@ from swarmware.model.compression import Method
 from swarmware.model.resource import Kind
 from swarmware.types import registry
 from swarmware.types.channel import ChannelLimit, ChannelLimits, ChannelStates, ListChannels, settings_of
-from swarmware.types.net import Traffic
 from swarmware.types.rpc import Empty
+from swarmware.types.traffic import Traffic
 from swarmware.types.tree import TreeEntry
 
 VALUED: Final = frozenset({Kind.BOARD, Kind.STREAM, Kind.EVENT})

@@ -5,7 +5,7 @@ from typing import Final
 import msgspec
 
 from swarmctl.commands.traffic.limited import LimitedChannel
-from swarmware.types.net import ChannelTraffic, LinkTraffic, Traffic
+from swarmware.types.traffic import ChannelTraffic, LinkTraffic, Traffic
 
 
 class ChannelRates(msgspec.Struct, frozen=True):

@@ -16,8 +16,9 @@ from swarmctl.terminal.table import Cell, Column, fitted_table, show
 from swarmware.errors import Partial, SwarmError
 from swarmware.runtime.instant import until
 from swarmware.types.channel import ChannelStates, ListChannels
-from swarmware.types.net import UNACCEPTED, Traffic
+from swarmware.types.net import UNACCEPTED
 from swarmware.types.rpc import Empty
+from swarmware.types.traffic import Traffic
 
 
 class SortKey(StrEnum):

@@ -4,9 +4,10 @@ from typing import Final
 
 from swarmware.module.module import Module
 from swarmware.types.channel import ChannelLimits
-from swarmware.types.net import Denial, Neighbours, Routes, StructureBroadcast, Traffic
+from swarmware.types.net import Denial, Neighbours, Routes, StructureBroadcast
 from swarmware.types.outage import NodeLinks, OutageTable
 from swarmware.types.time import TimingBatch
+from swarmware.types.traffic import Traffic
 
 TIMING_SLOTS: Final = 64
 TIMING_SLOT_BYTES: Final = 4096

@@ -11,8 +11,9 @@ from swarmware.model.names import data_id
 from swarmware.transport.delivery.answer import ANSWERS, answerable
 from swarmware.transport.delivery.outcome import Status
 from swarmware.types import registry
-from swarmware.types.net import ChannelTraffic, LinkTraffic, LinkTransport, Refused
+from swarmware.types.net import LinkTransport
 from swarmware.types.rpc import Ack
+from swarmware.types.traffic import ChannelTraffic, LinkTraffic, Refused
 from swarmware.types.tree import TreeNotify
 
 IP_UDP_BYTES: Final = 28

@@ -16,7 +16,7 @@ from swarmd.broker.config import Config
 from swarmd.broker.core.reports.metrics_page import CONTENT_TYPE
 from swarmware.errors import ConfigError
 from swarmware.model import document
-from swarmware.types.net import Refused
+from swarmware.types.traffic import Refused
 
 PATH: Final = "/metrics"
 HEAD_MAX: Final = 8192

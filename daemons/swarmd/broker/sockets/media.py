@@ -13,7 +13,7 @@ from swarmd.broker.sockets.medium import DatagramMedium, MediumDatagram, OnArriv
 from swarmd.broker.sockets.serial_medium import SerialLineMedium
 from swarmd.broker.sockets.udp import Udp, further_network, main_network
 from swarmware.model.clock import Clock
-from swarmware.types.net import Refused
+from swarmware.types.traffic import Refused
 
 
 class Media:

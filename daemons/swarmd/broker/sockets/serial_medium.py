@@ -12,7 +12,7 @@ from swarmd.broker.core.swarm.media.medium import Address, serial_medium
 from swarmd.broker.sockets.medium import DatagramMedium, MediumDatagram, OnArrival, OnLine
 from swarmware.errors import NotFound, SwarmError
 from swarmware.runtime.serial_port import SerialPort
-from swarmware.types.net import Refused
+from swarmware.types.traffic import Refused
 
 AGAIN_S: Final = 0.5
 """Period in which an unplugged line is looked for."""

@@ -5,7 +5,7 @@ from typing import Final
 
 import msgspec
 
-from swarmware.types.vehicle import LineLoad
+from swarmware.types.driver import LineLoad
 
 CAPACITY_RATIO: Final = 0.8
 """Ratio of load to capacity above which values wait; equal to the ratio for cores in `doctor placement`."""

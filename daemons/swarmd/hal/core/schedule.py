@@ -2,8 +2,8 @@
 
 from typing import Final
 
+from swarmware.types.driver import DriverState, DriverStatus
 from swarmware.types.health import Level
-from swarmware.types.vehicle import DriverState, DriverStatus
 
 _NS: Final = 1_000_000_000
 _HUNG_NS: Final = 2 * _NS

@@ -4,7 +4,7 @@ from swarmd.mission.blocks.context import Context, spec
 from swarmd.mission.vehicle import Way, arrived
 from swarmware.geometry.formation import place
 from swarmware.mission import catalogue
-from swarmware.types.vehicle import GoalKind, NavStatus
+from swarmware.types.navigation import GoalKind, NavStatus
 
 
 class FormationBlock:

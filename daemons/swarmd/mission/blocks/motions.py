@@ -8,7 +8,7 @@ from swarmd.mission.core.way_home import RETURN_HEIGHT_M
 from swarmd.mission.vehicle import Progress, Way, arrived
 from swarmware.mission import catalogue
 from swarmware.mission.plugin import BlockError
-from swarmware.types.vehicle import GoalKind, NavState
+from swarmware.types.navigation import GoalKind, NavState
 
 AT_REST: Final = frozenset({NavState.HOLDING, NavState.ARRIVED, NavState.IDLE})
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Final
 
-from swarmware.types.vehicle import NavError, NavState, NavStatus
+from swarmware.types.navigation import NavError, NavState, NavStatus
 
 KINDS: Final[dict[NavError, str]] = {
     NavError.NONE: "blocked",

@@ -15,17 +15,8 @@ from swarmd.navigator.core.route import Point, RouteSearch, SeenObstacles
 from swarmd.navigator.core.target import MovingObstacle, Surroundings, Target
 from swarmware.errors import InvalidInput
 from swarmware.types.control import ControlState, DriveMode
-from swarmware.types.vehicle import (
-    Goal,
-    GoalKind,
-    NavError,
-    NavState,
-    NavStatus,
-    Pose,
-    Range,
-    Setpoint,
-    VehicleState,
-)
+from swarmware.types.navigation import Goal, GoalKind, NavError, NavState, NavStatus
+from swarmware.types.vehicle import Pose, Range, Setpoint, VehicleState
 
 _STOP: Final = Setpoint(0.0)
 _ARM_GRACE_S: Final = 1.0

@@ -9,7 +9,8 @@ from swarmd.navigator.config import Config
 from swarmd.navigator.core.target import Target
 from swarmware.errors import InvalidInput
 from swarmware.geometry.formation import FormationSlots, Slot
-from swarmware.types.vehicle import Goal, Pose
+from swarmware.types.navigation import Goal
+from swarmware.types.vehicle import Pose
 
 _MOVES_M_S: Final = 0.05
 _END_M: Final = 0.5

@@ -12,7 +12,8 @@ from swarmd.navigator.core.pace import TURNS
 from swarmware.geometry.geodesy import Origin
 from swarmware.runtime.loop_delay import LoopDelay
 from swarmware.types.control import ControlState
-from swarmware.types.vehicle import GnssFix, Goal, Imu, NavStatus, Pose, Range, Setpoint, VehicleState
+from swarmware.types.navigation import Goal, NavStatus
+from swarmware.types.vehicle import GnssFix, Imu, Pose, Range, Setpoint, VehicleState
 
 _HEIGHT_NS: Final = 1_000_000_000
 """Validity of a measured height, by which a landing without a position descends."""

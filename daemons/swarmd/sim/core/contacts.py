@@ -3,7 +3,8 @@
 import math
 from typing import Final
 
-from swarmware.types.vehicle import Collision, Pose
+from swarmware.types.navigation import Collision
+from swarmware.types.vehicle import Pose
 
 _AGE_S: Final = 1.0
 """Maximum age of the pose of another platform in a check."""

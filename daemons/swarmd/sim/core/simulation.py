@@ -14,16 +14,8 @@ from swarmware.geometry.attitude import Vector
 from swarmware.geometry.world import World
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.chassis import ActuatorOutputs, ChassisAction, ChassisOrder, ChassisReport
-from swarmware.types.vehicle import (
-    BatteryState,
-    Collision,
-    GnssFix,
-    Imu,
-    Pose,
-    Range,
-    Setpoint,
-    VehicleState,
-)
+from swarmware.types.navigation import Collision
+from swarmware.types.vehicle import BatteryState, GnssFix, Imu, Pose, Range, Setpoint, VehicleState
 
 
 class GustyWind:

@@ -15,9 +15,10 @@ from swarmware.model import names, paths
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.runtime.processor import ProcessorUse
-from swarmware.types.net import MediumUse, Neighbours, Traffic
+from swarmware.types.net import MediumUse, Neighbours
 from swarmware.types.placement import PlacedApplication, PlacementRequest, RemoteInput, UnitPlacement
 from swarmware.types.system import AppStatus
+from swarmware.types.traffic import Traffic
 
 T = TypeVar("T", bound=msgspec.Struct)
 

@@ -16,8 +16,8 @@ from swarmware.transport.delivery.outcome import Status
 from swarmware.transport.delivery.signature import FrameSignature, RelayExtension
 from swarmware.transport.sodium import verify
 from swarmware.types import registry
-from swarmware.types.net import Refused
 from swarmware.types.rpc import Ack
+from swarmware.types.traffic import Refused
 
 _UNREACHABLE: Final = int(Status.UNREACHABLE)
 

@@ -5,7 +5,7 @@ from typing import Final
 import msgspec
 
 from swarmware.transport.security.seal import SESSION_MARK
-from swarmware.types.net import OtherSwarm
+from swarmware.types.traffic import OtherSwarm
 
 SWARMS_MAX: Final = 8
 """Swarms that are remembered; a further one replaces that which was silent for longest."""

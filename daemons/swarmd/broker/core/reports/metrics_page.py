@@ -9,8 +9,9 @@ from typing import Final
 
 import msgspec
 
-from swarmware.types.net import LinkStatus, Neighbours, Traffic
+from swarmware.types.net import LinkStatus, Neighbours
 from swarmware.types.outage import OutagePhase, OutageTable
+from swarmware.types.traffic import Traffic
 
 CONTENT_TYPE: Final = "application/openmetrics-text; version=1.0.0; charset=utf-8"
 END: Final = "# EOF\n"

@@ -17,8 +17,6 @@ from swarmd.broker.core.traffic import Counters
 from swarmware.model.names import MAIN
 from swarmware.model.platform_kind import PlatformKind
 from swarmware.types.net import (
-    CERTAINLY_HOSTILE,
-    HOSTILE,
     ConnectionStatus,
     LinkStatus,
     LinkTransport,
@@ -26,12 +24,11 @@ from swarmware.types.net import (
     MediumUse,
     Neighbours,
     NeighbourState,
-    Refused,
     Routes,
     RouteState,
-    Traffic,
 )
 from swarmware.types.outage import NodeLinks
+from swarmware.types.traffic import CERTAINLY_HOSTILE, HOSTILE, Refused, Traffic
 
 _FULL: Final = 255
 """Quality of a link without loss."""

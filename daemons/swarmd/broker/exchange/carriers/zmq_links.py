@@ -22,7 +22,8 @@ from swarmd.broker.sockets.zmq.zmq_socket import POLLOUT, ConnectionMonitor, Soc
 from swarmware.errors import ConfigError
 from swarmware.model.frame import FRAME_LIMIT, KIND_AT, Frame, FrameKind
 from swarmware.transport.security.keys import Keys
-from swarmware.types.net import ConnectionStatus, Refused
+from swarmware.types.net import ConnectionStatus
+from swarmware.types.traffic import Refused
 
 SEND_HIGH_WATER: Final = 4
 """Frames inside libzmq per connection; the rest waits in the send queue, which has priorities."""

@@ -9,7 +9,7 @@ import zmq
 
 from swarmd.broker.sockets.zmq.zmq_socket import Socket, ZmqSocket
 from swarmware.transport.security.keys import Keys
-from swarmware.types.net import Refused
+from swarmware.types.traffic import Refused
 
 DOMAIN: Final = "swarm"
 _ENDPOINT: Final = "inproc://zeromq.zap.01"
