@@ -73,7 +73,7 @@ def test_page_has_each_capability_once_in_order() -> None:
 
 
 def test_the_page_says_how_many_capabilities_there_are() -> None:
-    assert f"The {sum(COUNTS.values())} capabilities" in PAGE.read_text()
+    assert f"the {sum(COUNTS.values())} capabilities" in PAGE.read_text()
 
 
 def test_number_of_capabilities_by_state_is_correct() -> None:

@@ -1,4 +1,4 @@
-"""What an operator reads and types: results and messages, progress, confirmations, rates and durations.
+"""Input and output of an operator: results and messages, progress, confirmations, rates and durations.
 
 Nothing here knows a node or the swarm.
 """

@@ -1,4 +1,4 @@
-"""What a lab has before its first process starts: the plan of its nodes, their folders, keys and settings.
+"""Preparation of a lab before its first process starts: plan of the nodes, folders, keys and settings.
 
 The check of what the machine must have (extras, a database that answers) lives here too.
 """
