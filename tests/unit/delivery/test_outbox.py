@@ -151,9 +151,9 @@ def test_request_in_work_is_answered_once() -> None:
     assert outbox.on_ack(key, Ack(int(Status.DELIVERED)), 10 * MS) == []
     again_ms = [at for at, action in run(outbox, 2000 * MS) if isinstance(action, Transmit)]
     assert again_ms == [50, 450, 850, 1250, 1650]
-    outbox.on_reply(key, 2001 * MS)
+    outbox.answered(key, 2001 * MS)
     assert len(outbox) == 0
-    outbox.on_reply(key, 2002 * MS)  # a duplicate
+    outbox.answered(key, 2002 * MS)  # a duplicate
 
 
 def test_unknown_status_of_later_version_is_refusal() -> None:

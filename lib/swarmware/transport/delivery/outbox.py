@@ -136,10 +136,10 @@ class Outbox(Flight[Key, _Pending]):
             pending.wait_ns = pending.policy.max_ns
             pending.absent_since_ns = pending.soft_refusal = None
             return []
-        self.on_reply(key, now_ns)
+        self.answered(key, now_ns)
         return [Complete(key, outcome)]
 
-    def on_reply(self, key: Key, now_ns: int) -> None:
+    def answered(self, key: Key, now_ns: int) -> None:
         """A message was answered, or a request, whose time includes its handler and is not a round trip."""
         pending = self.acknowledge(key, now_ns)
         round_trip_ns = None if pending is None else pending.round_trip_ns(now_ns)

@@ -393,7 +393,7 @@ class MessageRouter:
         except WireError:
             self._counters.malformed += 1
             return []
-        self._outbox.on_reply(key, now_ns)
+        self._outbox.answered(key, now_ns)
         return [Replied(key, replied)]
 
     # -- messages and requests to an application of this process
