@@ -39,7 +39,7 @@ from swarmd.broker.core.membership.sessions import Sessions
 from swarmd.broker.core.membership.signatures.own_signatures import OwnSignatures
 from swarmd.broker.core.swarm.topology import Topology
 from swarmd.broker.core.traffic import Counters
-from swarmd.broker.records.former_session import FormerSession
+from swarmd.broker.records.session_store import SessionStore
 from swarmd.broker.service import Broker, BrokerShell
 from swarmware.model.clock import Clock
 from swarmware.model.names import data_id, hardware_id
@@ -305,10 +305,10 @@ async def measure(folder: Path, beacons: int) -> dict[str, Costs]:
         module = await stack.enter_async_context(Module("broker", node=node))
         service = Broker(module, config)
         keys = service._keys()
-        former_session = FormerSession(module.node.config.data_path)
-        core = service._core(config, keys, former_session)
+        session_store = SessionStore(module.node.config.data_path)
+        core = service._core(config, keys, session_store)
         core._publish_ns = 1 << 62  # tables are not what is measured
-        broker = BrokerShell(service, config, keys, core, former_session)
+        broker = BrokerShell(service, config, keys, core, session_store)
         broker._driver._arm = lambda: None  # type: ignore[method-assign]  # this program steps it
         cell = Cell(broker, clock, config, {name: Keys.load(keys_dir / name, name) for name in names})
         cell.run(WARM_BEACONS, cold=False)

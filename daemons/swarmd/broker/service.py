@@ -14,7 +14,7 @@ from swarmd.broker.boards.net_boards import NetBoards
 from swarmd.broker.boards.shared_boards import MirroredBoards, OwnBoards
 from swarmd.broker.core.beacon.beacon import PlatformCode
 from swarmd.broker.core.beacon.beacon_rate import ReportSlowdown
-from swarmd.broker.core.beacon.declared_period import FormerState
+from swarmd.broker.core.beacon.declared_period import RestartState
 from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
 from swarmd.broker.core.boards.board_action import (
     KeepMirrors,
@@ -43,9 +43,9 @@ from swarmd.broker.exchange.beacon_transport import FAULTS, BeaconTransport
 from swarmd.broker.exchange.frame_gateway import FrameGateway
 from swarmd.broker.records.conditions import Conditions
 from swarmd.broker.records.forgery_reports import ForgeryReports
-from swarmd.broker.records.former_session import FormerSession
 from swarmd.broker.records.membership import Membership, keys_folder
 from swarmd.broker.records.outage_recorder import OutageRecorder
+from swarmd.broker.records.session_store import SessionStore
 from swarmd.broker.sockets.media import Media, MediaLinks
 from swarmd.broker.sockets.medium import MediumDatagram
 from swarmd.broker.sockets.pinned_addresses import PinnedAddresses
@@ -86,7 +86,7 @@ class BrokerShell:
         config: settings.Config,
         keys: Keys,
         core: BrokerCore,
-        former_session: FormerSession,
+        session_store: SessionStore,
     ) -> None:
         """Raises: ConfigError when an address or port cannot be used, or the access rules are invalid."""
         module, node = service.module, service.module.node
@@ -116,7 +116,7 @@ class BrokerShell:
             )
             stack.callback(self._media.close)
             self._transport = BeaconTransport(
-                config, keys, self._media, module.clock, core, feed, former_session.keep
+                config, keys, self._media, module.clock, core, feed, session_store.keep
             )
             self._gateway = FrameGateway(
                 config,
@@ -342,10 +342,10 @@ class Broker(Service):
         """
         module = self.module
         keys = self._keys()
-        former_session = FormerSession(module.node.config.data_path)
+        session_store = SessionStore(module.node.config.data_path)
         config = loopback_only(self.config) if keys.is_open else self.config
-        core = self._core(config, keys, former_session)
-        shell = BrokerShell(self, config, keys, core, former_session)
+        core = self._core(config, keys, session_store)
+        shell = BrokerShell(self, config, keys, core, session_store)
         with contextlib.closing(shell):
             await shell.run()
 
@@ -360,10 +360,10 @@ class Broker(Service):
         )
         return Keys.open(config.platform)
 
-    def _core(self, config: settings.Config, keys: Keys, former_session: FormerSession) -> BrokerCore:
+    def _core(self, config: settings.Config, keys: Keys, session_store: SessionStore) -> BrokerCore:
         node, now_ns = self.module.node, self.module.clock.now_ns()
-        session = former_session.next_session(utc_ns(), keys.swarm_mark)
-        quiet_ns = former_session.quiet_ns(round(config.link_timeout_s * 1e9))
+        session = session_store.next_session(utc_ns(), keys.swarm_mark)
+        quiet_ns = session_store.quiet_ns(round(config.link_timeout_s * 1e9))
         core = BrokerCore(
             NodeIdentity(
                 node.hardware,
@@ -375,7 +375,7 @@ class Broker(Service):
             ),
             config,
             session,
-            former=FormerState(former_session.declared_period_ns, quiet_ns),
+            former=RestartState(session_store.declared_period_ns, quiet_ns),
             now_ns=now_ns,
             chance=random.random,
             membership=SwarmMembership()

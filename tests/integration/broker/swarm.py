@@ -13,7 +13,7 @@ from tests.patience import PATIENCE_S
 from tests.ports import free_port
 
 from swarmd.broker.config import Config
-from swarmd.broker.records.former_session import FormerSession
+from swarmd.broker.records.session_store import SessionStore
 from swarmd.broker.service import Broker
 from swarmware.model.config import load_service
 from swarmware.model.frame import Frame
@@ -58,7 +58,7 @@ class Station:
     async def open(self) -> None:
         self.node = Node.attach(self.config_dir)
         self._stack.callback(self.node.close)
-        former = FormerSession(self.node.config.data_path)
+        former = SessionStore(self.node.config.data_path)
         if (
             not former.declared_period_ns
         ):  # it ran at 10 Hz before: a node without data waits longer for routes

@@ -9,7 +9,7 @@ from typing import Final
 from swarmd.broker.config import Config
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import BODY_LIMIT, Beacon, Header, PlatformCode
-from swarmd.broker.core.beacon.declared_period import FormerState
+from swarmd.broker.core.beacon.declared_period import RestartState
 from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
 from swarmd.broker.core.beacon.request_parts import request_part_bytes
 from swarmd.broker.core.boards.board_action import WriteMirrors
@@ -136,7 +136,7 @@ class BrokerNode:
         *,
         config: Config | None = None,
         session: int = 1,
-        former: FormerState = FormerState(),  # noqa: B008  # frozen
+        former: RestartState = RestartState(),  # noqa: B008  # frozen
         write_boards: Callable[["BrokerNode", int], None] = lambda node, now_ns: None,
         on_value: Callable[["BrokerNode", BoardSubscription, RemoteValue], None] = lambda *_: None,
         on_routes: Callable[["BrokerNode", list[RouteChanged]], None] | None = None,

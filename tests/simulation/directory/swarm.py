@@ -8,7 +8,7 @@ from tests.simulation.directory.brokers import BrokerNode
 from tests.simulation.directory.radios import RadioSwarm, Ratios
 
 from swarmd.broker.config import Config
-from swarmd.broker.core.beacon.declared_period import FormerState
+from swarmd.broker.core.beacon.declared_period import RestartState
 from swarmd.broker.core.swarm.neighbour import notice_ns
 from swarmd.broker.core.swarm.routes.routing_table import RouteChanged
 from swarmware.model.names import data_id, hardware_id
@@ -68,9 +68,9 @@ class Swarm(RadioSwarm):
         """[node, destination] → neighbour, from all changes of routes, or 0 without a route."""
         for name in self.names:
             first_ns = self.random.randrange(round(SECOND / tick_hz))
-            self.at(first_ns, lambda name=name: self.start(name, late=False, former=FormerState()))  # type: ignore[misc]  # the name of this iteration
+            self.at(first_ns, lambda name=name: self.start(name, late=False, former=RestartState()))  # type: ignore[misc]  # the name of this iteration
 
-    def start(self, name: str, *, late: bool, former: FormerState) -> None:
+    def start(self, name: str, *, late: bool, former: RestartState) -> None:
         """Starts a broker; `late`: with a clock that is somewhere else than before."""
         wall = self.random.randrange(1 << 31) if late else 1 + self.now_ns // SESSIONS
         self.sessions[name] += 1
@@ -89,13 +89,13 @@ class Swarm(RadioSwarm):
         if self.subscribed:
             node.driver.feed(node.core.on_plan(PLAN, self.now_ns))
 
-    def crash(self, name: str) -> FormerState:
+    def crash(self, name: str) -> RestartState:
         """Takes a broker away without a word; returns what it stored."""
         node = self.brokers.pop(name)
         node.stop()
         self.next_hop[self.index[name], :] = 0
         period_ns = node.declared_period_ns
-        return FormerState(period_ns, notice_ns(period_ns, LINK_TIMEOUT_NS))
+        return RestartState(period_ns, notice_ns(period_ns, LINK_TIMEOUT_NS))
 
     def move(self, dt_s: float) -> None:
         """Straight on, now and then another way, back at the edge."""

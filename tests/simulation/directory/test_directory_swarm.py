@@ -17,7 +17,7 @@ import pytest
 from tests.simulation.directory.swarm import SECOND, Swarm
 from tests.simulation.seeds import seeds
 
-from swarmd.broker.core.beacon.declared_period import FormerState
+from swarmd.broker.core.beacon.declared_period import RestartState
 
 CHURN_S: Final = (0.5, 1.25)
 """Virtual time in which nodes move and crash; the last ones start again a second later."""
@@ -41,7 +41,7 @@ def lifetimes(swarm: Swarm) -> Iterator[tuple[int, str, str]]:
 def test_moving_swarms_of_100_brokers_never_loop(seed: int) -> None:
     swarm = Swarm(seed, NODES, speed_m_s=20.0)
     step_ns = SECOND // 4
-    life, former = sorted(lifetimes(swarm)), dict[str, FormerState]()
+    life, former = sorted(lifetimes(swarm)), dict[str, RestartState]()
     connected = arrived = 0
     for at_ns in range(step_ns, int(SETTLED_S * SECOND) + 1, step_ns):
         while life and life[0][0] <= at_ns:

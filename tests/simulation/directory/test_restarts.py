@@ -15,9 +15,9 @@ from tests.simulation.directory.brokers import BrokerNode, header_of
 from tests.simulation.directory.swarm import SECOND, Swarm
 from tests.simulation.seeds import seeds
 
-from swarmd.broker.core.beacon.declared_period import FormerState
+from swarmd.broker.core.beacon.declared_period import RestartState
 from swarmd.broker.core.swarm.links.link import LinkState
-from swarmd.broker.records.former_session import FormerSession
+from swarmd.broker.records.session_store import SessionStore
 
 SEEDS: Final = seeds(1, 6)
 NODES: Final = 25
@@ -30,7 +30,7 @@ class Restarting(Swarm):
 
     def __init__(self, seed: int, tick_hz: float, *, subscribed: bool) -> None:
         super().__init__(seed, NODES, speed_m_s=3.0, loss=LOSS, tick_hz=tick_hz, subscribed=subscribed)
-        self.away: dict[str, tuple[int, FormerState]] = {}
+        self.away: dict[str, tuple[int, RestartState]] = {}
         """By node: when it starts again, and what it stored."""
         self.accepted: dict[tuple[BrokerNode, int], int] = {}
         """By receiver and hardware id of the sender: the session whose datagrams arrive."""
@@ -52,7 +52,7 @@ class Restarting(Swarm):
         for name, (back_ns, stored) in list(self.away.items()):
             if back_ns <= self.now_ns:
                 del self.away[name]
-                former = stored if quiet_ns is None else FormerState(quiet_ns=quiet_ns)
+                former = stored if quiet_ns is None else RestartState(quiet_ns=quiet_ns)
                 self.start(name, late=self.random.random() < 0.2, former=former)
         name = self.random.choice(self.names)
         if name in self.brokers:
@@ -79,7 +79,7 @@ def test_restarts_among_slow_senders_make_no_loop(
 
 @pytest.mark.parametrize("seed", seeds(1, 3))
 def test_nodes_without_former_data_make_no_loop(tmp_path: Path, seed: int) -> None:
-    quiet_ns = FormerSession(tmp_path).quiet_ns(SECOND)
+    quiet_ns = SessionStore(tmp_path).quiet_ns(SECOND)
     swarm = Restarting(seed, 2.0, subscribed=False)
     for _ in range(60):
         swarm.run_for(0.5)

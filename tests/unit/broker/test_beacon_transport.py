@@ -7,7 +7,7 @@ import pytest
 from swarmd.broker.config import Config
 from swarmd.broker.core.beacon import beacon_codec as codec
 from swarmd.broker.core.beacon.beacon import Beacon, Header, PlatformCode, RouteRow
-from swarmd.broker.core.beacon.declared_period import FormerState
+from swarmd.broker.core.beacon.declared_period import RestartState
 from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
 from swarmd.broker.core.beacon.parts.session_checks import CheckKind, SessionCheck
 from swarmd.broker.core.boards.relay_cache import RelayCache
@@ -35,7 +35,7 @@ class Shell:
             NodeIdentity(hardware_id("uav1"), "uav1", "main", PlatformCode.UAV, 1, b""),
             config,
             1,
-            former=FormerState(),
+            former=RestartState(),
             now_ns=0,
             chance=lambda: 0.5,
         )

@@ -6,7 +6,7 @@ import pytest
 
 from swarmd.broker.config import Config
 from swarmd.broker.core.beacon.beacon import PlatformCode
-from swarmd.broker.core.beacon.declared_period import FormerState
+from swarmd.broker.core.beacon.declared_period import RestartState
 from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
 from swarmd.broker.core.broker import BrokerCore
 from swarmd.broker.core.membership.sessions import ReportImpersonation
@@ -24,7 +24,7 @@ async def test_false_beacon_is_reported_with_its_address(
 ) -> None:
     make_swarm(tmp_path, ("uav1", "uav2"))
     identity = NodeIdentity(hardware_id("uav1"), "uav1", "main", PlatformCode.UAV, 1, b"")
-    core = BrokerCore(identity, Config(), 1, former=FormerState(), now_ns=0, chance=lambda: 0.5)
+    core = BrokerCore(identity, Config(), 1, former=RestartState(), now_ns=0, chance=lambda: 0.5)
     core.add_members(["uav2"], 0)
     found: list[Denial] = []
     reports = ForgeryReports(core, Keys.load(tmp_path / "uav1", "uav1"), DenialReporter(found.append))

@@ -10,7 +10,7 @@ from swarmd.broker.core.beacon.declared_period import CEILINGS_NS, LOWER_NS, Dec
 from swarmd.broker.core.swarm.links.link import LinkState
 from swarmd.broker.core.swarm.neighbour import FIRST_PERIOD_NS, NOTICE_SLACK_NS, notice_ns
 from swarmd.broker.core.swarm.neighbours.neighbour_table import NeighbourTable
-from swarmd.broker.records.former_session import PERIOD, SESSION, FormerSession
+from swarmd.broker.records.session_store import PERIOD, SESSION, SessionStore
 from swarmware.transport.security.seal import SESSION_MARK
 
 MS: Final = 1_000_000
@@ -83,11 +83,11 @@ def test_period_of_former_session_holds_until_replaced() -> None:
 
 
 def test_kept_session_exists_at_next_start(tmp_path: Path) -> None:
-    first = FormerSession(tmp_path)
+    first = SessionStore(tmp_path)
     assert first.declared_period_ns == 0, "nobody can know a former session"
     assert first.next_session(100) == 1 << 16
     first.keep(2000 * MS)
-    second = FormerSession(tmp_path)
+    second = SessionStore(tmp_path)
     assert second.declared_period_ns == 2000 * MS
     assert second.next_session(50) == 2 << 16
     assert sorted(path.name for path in tmp_path.iterdir()) == [PERIOD, SESSION]
@@ -95,7 +95,7 @@ def test_kept_session_exists_at_next_start(tmp_path: Path) -> None:
 
 def test_session_has_swarms_mark_and_rises(tmp_path: Path) -> None:
     wall_ns = 1_790_000_000_123_456_789
-    sessions = [FormerSession(tmp_path).next_session(wall_ns, mark) for mark in (0xAB12, 0xAB12, 5, 0xFFFF)]
+    sessions = [SessionStore(tmp_path).next_session(wall_ns, mark) for mark in (0xAB12, 0xAB12, 5, 0xFFFF)]
     assert [session & SESSION_MARK for session in sessions] == [0xAB12, 0xAB12, 5, 0xFFFF]
     assert sorted(set(sessions)) == sessions
     assert abs(sessions[0] - wall_ns) <= SESSION_MARK
@@ -105,31 +105,31 @@ def test_session_has_swarms_mark_and_rises(tmp_path: Path) -> None:
 def test_node_without_former_data_waits_like_idle(tmp_path: Path) -> None:
     idle = tmp_path / "idle"
     idle.mkdir()
-    FormerSession(idle).next_session(1)
-    FormerSession(idle).keep(500 * MS)
+    SessionStore(idle).next_session(1)
+    SessionStore(idle).keep(500 * MS)
     assert (
-        FormerSession(tmp_path).quiet_ns(SECOND)
-        == FormerSession(idle).quiet_ns(SECOND)
+        SessionStore(tmp_path).quiet_ns(SECOND)
+        == SessionStore(idle).quiet_ns(SECOND)
         == notice_ns(500 * MS, SECOND)
     )
-    FormerSession(idle).keep(2000 * MS)
-    assert FormerSession(idle).quiet_ns(SECOND) == notice_ns(2000 * MS, SECOND)
+    SessionStore(idle).keep(2000 * MS)
+    assert SessionStore(idle).quiet_ns(SECOND) == notice_ns(2000 * MS, SECOND)
 
 
 @pytest.mark.parametrize("content", [b"", b"x", b"\xff\xfe", b"0", b"77", b"-500", b"9" * 5000, b"5\n0"])
 def test_a_damaged_period_counts_as_the_longest(tmp_path: Path, content: bytes) -> None:
-    FormerSession(tmp_path).next_session(1)
+    SessionStore(tmp_path).next_session(1)
     (tmp_path / PERIOD).write_bytes(content)
-    assert FormerSession(tmp_path).declared_period_ns == CEILINGS_NS[-1]
+    assert SessionStore(tmp_path).declared_period_ns == CEILINGS_NS[-1]
 
 
 def test_session_of_version_without_periods_counts_as_idle(tmp_path: Path) -> None:
-    FormerSession(tmp_path).next_session(1)
-    assert FormerSession(tmp_path).declared_period_ns == 500 * MS
+    SessionStore(tmp_path).next_session(1)
+    assert SessionStore(tmp_path).declared_period_ns == 500 * MS
 
 
 def test_period_that_cannot_be_kept_is_warning(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    former = FormerSession(tmp_path / "gone")
+    former = SessionStore(tmp_path / "gone")
     former.keep(500 * MS)
     assert "broker.period: cannot be written" in caplog.text
 

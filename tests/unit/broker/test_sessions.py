@@ -214,7 +214,7 @@ def test_node_offers_itself_to_new_sessions_only() -> None:
     assert not other.meets()
 
 
-def test_own_session_is_proven_to_restarted_neighbour_at_once() -> None:
+def test_own_session_is_proven_to_restarted_neighbour() -> None:
     sessions = Sessions(B, 20, connections=True)
     answer, prove = (SessionCheck(kind, B, digest(20)) for kind in (CheckKind.ANSWER, CheckKind.PROVE))
     assert sessions.on_datagram(A, 10, (answer, prove), 0).prove

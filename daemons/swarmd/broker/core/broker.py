@@ -8,7 +8,7 @@ import msgspec
 from swarmd.broker.config import MAIN, Config
 from swarmd.broker.core.beacon.beacon import Beacon, Header, OutgoingBeacon
 from swarmd.broker.core.beacon.beacon_rate import BeaconSchedule, ReportSlowdown
-from swarmd.broker.core.beacon.declared_period import DeclaredPeriod, FormerState
+from swarmd.broker.core.beacon.declared_period import DeclaredPeriod, RestartState
 from swarmd.broker.core.beacon.hello_schedule import NodeIdentity
 from swarmd.broker.core.beacon.parts import session_checks
 from swarmd.broker.core.beacon.parts.beacon_signature import PART_BYTES
@@ -101,7 +101,7 @@ class BrokerCore:
         config: Config,
         session: int,
         *,
-        former: FormerState,
+        former: RestartState,
         now_ns: int,
         chance: Callable[[], float],
         membership: SwarmMembership = SwarmMembership(),  # noqa: B008  # immutable

@@ -27,7 +27,7 @@ class DeclaredPeriod:
         """Longest period declared since then."""
 
     def declare(self, period_ns: int, now_ns: int) -> bool:
-        """Declares the period of a hello. True: `ns` changed and must be stored before the hello is sent."""
+        """Declares the period of a hello; returns whether `ns` must be stored before the hello is sent."""
         ceiling = ceiling_ns(period_ns)
         if ceiling >= self.ns:
             rose = ceiling > self.ns
@@ -40,10 +40,10 @@ class DeclaredPeriod:
         return True
 
 
-class FormerState(msgspec.Struct, frozen=True):
-    """State of the former session of this node's broker."""
+class RestartState(msgspec.Struct, frozen=True):
+    """State that a restarted broker keeps of the session before."""
 
     declared_period_ns: int = 0
     """Longest time between two datagrams that the former session declared, or 0 if unknown."""
     quiet_ns: int = 0
-    """Time for which other nodes may still route through it, in ns."""
+    """Time for which other nodes may still route through the former session."""

@@ -1,4 +1,4 @@
-"""State that survives a restart of the broker: its session number, and the longest period it declared."""
+"""State on disk that survives a restart of the broker: session number, and longest declared period."""
 
 import logging
 from pathlib import Path
@@ -18,8 +18,8 @@ _IDLE_NS: Final = round(1e9 / IDLE_HZ)
 log = logging.getLogger("swarm.broker")
 
 
-class FormerSession:
-    """The former session of this node's broker."""
+class SessionStore:
+    """Stores the session of this node's broker, for the next start."""
 
     def __init__(self, folder: Path) -> None:
         self._session = folder / SESSION
@@ -40,7 +40,7 @@ class FormerSession:
         try:
             text = self._period.read_text("ascii")
         except FileNotFoundError:
-            return _IDLE_NS  # it never sent anything, or is of an older version
+            return _IDLE_NS  # the session never sent anything, or was of an older version
         except (OSError, UnicodeDecodeError):
             return CEILINGS_NS[-1]
         kept_ns = int(text) * 1_000_000 if text.strip().isdigit() and len(text) < 10 else 0
