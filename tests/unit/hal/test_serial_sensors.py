@@ -67,5 +67,6 @@ async def test_a_line_may_have_any_rate(tmp_path: Path) -> None:
     async with asyncio.timeout(20.0):
         while not received:  # noqa: ASYNC110 - the line is read by the event loop
             await asyncio.sleep(0)
+    assert received == [b"\xc8"]
     other.close()
     line.close()

@@ -92,6 +92,7 @@ async def test_hanging_device_does_not_block_end(tmp_path: Path) -> None:
     stuck = Stuck()
     async with running(tmp_path, [stuck], FAST):
         await asyncio.to_thread(stuck.begun.wait)
+    assert not stuck.released.is_set(), "the service ended while its device still hangs"
     stuck.released.set()
 
 

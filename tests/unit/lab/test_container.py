@@ -41,7 +41,7 @@ def test_the_daemons_accept_what_it_writes(name: str, kind: str) -> None:
         cls: type[msgspec.Struct] = NodeConfig
         if path != "node.toml":
             cls = import_module(f"swarmd.{Path(path).stem}.config").Config
-        parse(tomli_w.dumps(content), cls, path)
+        assert isinstance(parse(tomli_w.dumps(content), cls, path), cls)
 
 
 def test_the_keys_are_made_once_for_all(tmp_path: Path) -> None:
