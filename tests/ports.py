@@ -15,7 +15,7 @@ LAST: Final = Path(tempfile.gettempdir()) / f"swarmware-tests-port-{os.getuid()}
 
 
 def free_port() -> int:
-    """An even port that nobody has, of UDP and of TCP; the next odd one is the caller's as well."""
+    """A free even port of UDP and TCP; the next odd port belongs to the caller as well."""
     with LAST.open("a+") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         file.seek(0)

@@ -26,7 +26,7 @@ BUILT = "share/doc/site"
 ELSEWHERE = re.compile(
     r"scale study|the study\b|\bdesign,? section|\bissue of the\b|\bthe design\b", re.IGNORECASE
 )
-"""Documents by another name than their file's: of those nobody can open one."""
+"""Names of documents that have no file, so a reader cannot open them."""
 
 
 def texts() -> Iterator[tuple[str, str]]:

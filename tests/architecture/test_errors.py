@@ -58,7 +58,7 @@ def test_no_error_of_many_causes_vanishes_without_reason() -> None:
 
 
 def _is_silent(statement: ast.stmt) -> bool:
-    """Whether the statement only goes on: pass, continue, or a return of a constant."""
+    """Whether the statement ignores the error: pass, continue, or a return of a constant."""
     match statement:
         case ast.Pass() | ast.Continue() | ast.Break():
             return True

@@ -11,7 +11,7 @@ pytest.importorskip("pre_commit", reason="extra `dev` is not installed")
 
 ROOT = Path(__file__).parents[2]
 WHOLE = "mypy,lint-imports,language"
-"""Hooks that look at the whole of the code, for half a minute: `make check` has run them already."""
+"""Hooks that check all code for half a minute, and that `make check` has run already."""
 
 
 def hooks() -> dict[str, str]:

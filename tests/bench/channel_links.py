@@ -61,7 +61,7 @@ class Arrival(NamedTuple):
     stamp_ns: int
     age_s: float
     lost: int
-    """Items that the reader was told of as missing so far."""
+    """Items reported to the reader as missing so far."""
 
 
 class Lidar:
@@ -78,7 +78,7 @@ class Lidar:
 
     @property
     def lost(self) -> int:
-        """Items that the reader was told of as missing."""
+        """Items reported to the reader as missing."""
         return self._reader.lost
 
     async def follow(self) -> None:
@@ -127,7 +127,7 @@ class Lidar:
         return time.monotonic() - since_s
 
     async def begun(self, items: int) -> None:
-        """Waits until so many items have come: the subscription is in force."""
+        """Waits for a number of items, after which the subscription is in force."""
         async with asyncio.timeout(PATIENCE_S):
             while len(self.arrivals) < items:
                 self._came.clear()

@@ -52,7 +52,7 @@ async def drain(inbox: Inbox[Blob]) -> None:
 
 
 async def until(what: Callable[[], bool], reader: BoardReader[Any]) -> None:
-    """Waits until it is so, looking at each value of the board."""
+    """Waits until the condition holds for a value of the board."""
     async with asyncio.timeout(PATIENCE_S):
         while not what():
             await reader.changed()

@@ -55,7 +55,7 @@ class Bare:
 
 
 def print_rows(rows: Iterable[Row], *, as_json: bool) -> None:
-    """Prints each row as soon as it is there: for people, or as a line of JSON."""
+    """Prints each row as soon as it is measured, as text or as a line of JSON."""
     for row in rows:
         if as_json:
             print(json.dumps(row._asdict(), ensure_ascii=False), flush=True)

@@ -209,7 +209,7 @@ class Machine:
         self.must("printf '[global]\nno-index = true\nfind-links = /mnt/wheels\n' > /etc/pip.conf")
 
     def begin(self, script: str) -> "subprocess.Popen[str]":
-        """Starts a shell script of root that goes on; what it prints is read from its stdout."""
+        """Starts a shell script of root in the background; the caller reads its stdout."""
         return subprocess.Popen(
             ["nsenter", f"--target={self._leader}", "--all", "sh", "-ec", f"cd /root; {script}"],
             stdin=subprocess.DEVNULL,

@@ -12,7 +12,7 @@ from swarmware.service import runner
 
 @pytest.fixture
 def thawed() -> Iterator[None]:
-    """Frozen objects of the test are given back."""
+    """Frozen objects of the test are released."""
     gc.unfreeze()
     yield
     gc.unfreeze()

@@ -10,7 +10,7 @@ PORT = 7448
 
 
 def connected(address: str, count: int, kept: ExitStack) -> int:
-    """How many of so many connections from one address come about."""
+    """Number of accepted connections, of a number attempted from one address."""
     found = 0
     for _ in range(count):
         client = kept.enter_context(socket.socket())

@@ -41,7 +41,7 @@ class Line:
         self.is_cut, self._returns = False, True
 
     def disturb(self, data: bytes) -> None:
-        """Bytes that nobody sent arrive at the second end."""
+        """Noise arrives at the second end."""
         self._ends[1].write(data)
 
     def _from_first(self, data: bytes) -> None:

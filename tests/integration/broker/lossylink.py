@@ -43,7 +43,7 @@ def drop(percent: int) -> None:
 async def send_all(
     station: Station, path: str, count: int, period_s: float, kind: FrameKind, text: str
 ) -> list[float]:
-    """Time until each of the messages was acknowledged; infinite where its sender was told otherwise."""
+    """Time until each of the messages was acknowledged; infinite if its sender got another outcome."""
     loop = asyncio.get_running_loop()
     times_s: list[float] = []
 

@@ -1,4 +1,4 @@
-"""A program in a network namespace of its own: nobody else's bytes are on its loopback."""
+"""A program in a network namespace of its own: without foreign bytes on its loopback."""
 
 import json
 import os

@@ -64,7 +64,7 @@ async def ages_ms(board: BoardReader[Text], clock_ns: Station, into: list[float]
 
 
 async def commands_ms(station: Station, seconds: float) -> list[float]:
-    """Time until each command was acknowledged; infinite where its sender was told otherwise."""
+    """Time until each command was acknowledged; infinite if its sender got another outcome."""
     loop = asyncio.get_running_loop()
     times: list[float] = []
 

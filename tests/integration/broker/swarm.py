@@ -83,7 +83,7 @@ class Station:
         self._task = asyncio.create_task(Broker(module, config).run(), name=f"broker {self.platform}")
 
     async def stop(self) -> None:
-        """Ends the broker without a word to anybody.
+        """Ends the broker without a leave message.
 
         Raises: whatever it had failed with.
         """
@@ -148,7 +148,7 @@ class Station:
         return {} if table is None else {route.platform: route.via for route in table.routes}
 
     async def until(self, what: Callable[[], bool], reader: BoardReader[Any]) -> None:
-        """Waits until it is so, looking at each news of the reader."""
+        """Waits until the condition holds for an update of the reader."""
         async with asyncio.timeout(PATIENCE_S):
             while not what():
                 await reader.changed()

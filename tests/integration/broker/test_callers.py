@@ -208,7 +208,7 @@ KINDS = {
     "plan/upload": FrameKind.FILE,
     "sys/node/info": FrameKind.REQUEST,
 }
-"""A command, requests, a setting, the tree, a stream, a file, and what everybody may read."""
+"""A command, requests, a setting, the tree, a stream, a file, and a board that every role may read."""
 
 
 @pytest.mark.parametrize(

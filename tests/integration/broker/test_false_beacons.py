@@ -33,13 +33,13 @@ INVENTED: Final = Pose.planar(0.0, INVENTED_Y_M).pack()
 
 
 class Forger:
-    """Seals beacons with the group key of uav2, and looks which of them are believed."""
+    """Seals beacons with the group key of uav2, and checks which of them are accepted."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.believed: dict[str, int] = {}
         """False beacons whose content was taken, by receiver."""
         self.last: dict[str, tuple[int, int]] = {}
-        """Number and session of the last beacon of each node, as everybody receives them."""
+        """Number and session of the last beacon of each node, as all nodes receive them."""
         compose, on_beacon = BrokerCore.compose, BeaconProtocol.on_beacon
 
         def composed(core: BrokerCore, now_ns: int) -> OutgoingBeacon:
@@ -105,7 +105,7 @@ class Poses:
         self._reader: BoardReader[Pose] = receiver.app.reader(f"/{victim.platform}/nav/pose", Pose)
 
     async def arrive(self, x_m: float) -> None:
-        """The next true pose arrives, and it is what is there then."""
+        """The next true pose arrives, and is then the value of the board."""
         self._writer.write(Pose.planar(x_m, 0.0))
         reader = self._reader
         await self._receiver.until(lambda: reader.value is not None and reader.value.x_m == x_m, reader)

@@ -1,4 +1,4 @@
-"""The firewall rules of the page of trust, loaded as they stand there."""
+"""The firewall rules of the page of trust, loaded without a change."""
 
 import textwrap
 from pathlib import Path

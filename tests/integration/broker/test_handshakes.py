@@ -1,4 +1,4 @@
-"""A thousand handshakes of each kind of stranger: refused, counted, logged at times, shown by doctor."""
+"""A thousand handshakes of each kind of unknown key are refused, counted, logged rarely, shown by doctor."""
 
 import asyncio
 import logging
@@ -24,7 +24,7 @@ AT_ONCE = 50
 
 
 class Pair(NamedTuple):
-    """Keys that a stranger shows."""
+    """Keys of an unknown node."""
 
     public: bytes
     secret: bytes

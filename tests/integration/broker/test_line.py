@@ -140,7 +140,7 @@ async def test_middle_reports_departed_far_end(tmp_path: Path) -> None:
         await line["uav1"].until_reaches(uav3="uav2")
         await line["uav3"].stop()
         await line["uav2"].until_lost("uav3")
-        # whether uav1 has heard of it or not, the message stops at a hop that is named
+        # whether or not uav1 knows of it, the message stops at a hop that is named
         outcome = await line["uav1"].app.send("/uav3/cmd/note", Text("?"), timeout_s=1.0)
         assert outcome.status is Status.UNREACHABLE
         assert outcome.where in {"uav1", "uav2"}

@@ -25,7 +25,7 @@ GROUP = "239.83.87.1"
 
 
 def on_the_group(port: int) -> socket.socket:
-    """Somebody who hears the group and has no key."""
+    """An unknown process that receives the multicast group and has no key."""
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     sock.bind((GROUP, port))

@@ -1,4 +1,4 @@
-"""Who is not let in: other swarms, other keys, nodes without any."""
+"""Other swarms, other keys and nodes without keys are not admitted."""
 
 import asyncio
 import shutil

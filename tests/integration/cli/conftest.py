@@ -83,7 +83,7 @@ class Lab(NamedTuple):
         return [sys.executable, "-m", "swarmctl", *shlex.split(command)]
 
     def up(self) -> None:
-        """Start it, under its name, with nothing of an earlier one."""
+        """Start the lab under its name, without packages of an earlier lab."""
         shutil.rmtree(self.packages, ignore_errors=True)
         self.packages.mkdir()  # before an interpreter caches that the folder is missing
         done = self.ctl(f"lab up formation --nodes {len(NODES)} --name {self.name} --detach")
@@ -99,7 +99,7 @@ class Lab(NamedTuple):
         return len(units) == len(NODES) and all({"broker", "tree"} <= known for known in names)
 
     def down(self) -> None:
-        """End it; nothing of it is left."""
+        """End the lab, and check that it leaves no shared memory."""
         done = self.ctl(f"lab down {self.name}")
         assert done.code == 0, done.err
         assert list(Path("/dev/shm").glob(f"*-{self.name}-*")) == []
@@ -154,7 +154,7 @@ def pytest_runtest_makereport(
 
 @pytest.fixture(scope="session")
 def shared_lab() -> Iterator[Lab]:
-    """Four nodes, in a folder of labs of their own; nothing of them is left."""
+    """Four nodes in their own folder of labs, which is removed at the end."""
     folder = Path(tempfile.mkdtemp(prefix="sw", dir="/tmp"))
     kept = {key: value for key, value in os.environ.items() if not key.startswith("SWARMCTL_")}
     env = {

@@ -1,4 +1,4 @@
-"""Every command against a running swarm: what it prints, in JSON and for people."""
+"""Output of every command against a running swarm, as JSON and as text."""
 
 import time
 from collections.abc import Callable, Iterable

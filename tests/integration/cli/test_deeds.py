@@ -1,4 +1,4 @@
-"""Commands that change something, go on, or write files: what they did is looked at."""
+"""Effects of commands that change something, keep running, or write files."""
 
 import csv
 import json

@@ -41,7 +41,7 @@ SERVICES: Final = (
 LIMIT_S: Final = 5.0
 LOOK_S: Final = 0.01
 BEAT_S: Final = 1.2
-"""Every daemon looks at everything that it shares at least once in this time."""
+"""Every daemon checks all its shared files at least once in this time."""
 
 
 class Harm(NamedTuple):
@@ -115,7 +115,7 @@ def _shared(root: Path, suffix: str, chance: random.Random) -> Path:
 
 
 def cut_ring(root: Path, chance: random.Random) -> Harm:
-    """Every process that looks at it ends by SIGBUS."""
+    """Every process that reads the file ends by SIGBUS."""
     path = _shared(root, ".ring", chance)
     os.truncate(path, chance.choice((0, 100, 4096)))
     return Harm(f"cut {path.name}")
@@ -245,7 +245,7 @@ async def run(
             began_s = time.monotonic()
             harm = trial(root, chance)
             if not harm.killed:
-                await asyncio.sleep(BEAT_S)  # what is to die of a damage dies when it looks at it
+                await asyncio.sleep(BEAT_S)  # a process that a damaged file kills dies when it reads the file
             took.append(await whole(root, config, began_s, harm.killed))
             say(f"{took[-1]:6.2f} s  {harm.what}")
             if took[-1] > LIMIT_S:

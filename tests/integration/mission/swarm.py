@@ -193,7 +193,7 @@ class Swarm:
         return all(m.history[-1:] == [state] for m in self.members.values() if m.name not in but)
 
     async def all_known(self, asker: str = "gcs") -> None:
-        """Waits until the ground station has heard everybody."""
+        """Waits until the ground station has received all members."""
         boards = self.operator.readers("/*/mission/state", MissionState)
         path = join(asker, "sys/mission/status")
         async with asyncio.timeout(PATIENCE_S):

@@ -60,7 +60,7 @@ class TempSensor(Service):
 
 
 class Fragile(Service):
-    """Fails when it is told to; returns when it is told to."""
+    """Fails or returns on request."""
 
     name = "fragile"
 

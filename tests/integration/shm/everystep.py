@@ -165,7 +165,7 @@ class Make(Case):
 
 
 class MakeAndReap(Make):
-    """Nobody starts it again: the reaper alone."""
+    """The process is not restarted, so the reaper alone cleans up."""
 
     def check(self, *, killed: bool) -> None:
         self.check_empty()

@@ -32,7 +32,7 @@ POSE = "/uav1/nav/pose"
 
 
 class Joined:
-    """Tells when an application has joined the node as another process."""
+    """Reports when an application has joined the node as another process."""
 
     def __init__(self, module: Module) -> None:
         self._node = module.node
@@ -121,7 +121,7 @@ async def answer(module: Module) -> TreeValue:
 
 
 def readable(module: Module, dead: str) -> None:
-    """Asserts that somebody who comes only now can read the boards that a dead service and others left."""
+    """Asserts that a late reader can read the boards that a dead service and others left."""
     late: list[BoardReader[AppStatus] | BoardReader[Pose]] = [module.reader(f"app/{dead}/status", AppStatus)]
     late += [module.reader(path, Pose) for path in BOARDS]
     for board in late:

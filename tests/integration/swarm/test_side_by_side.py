@@ -1,4 +1,4 @@
-"""Two swarms in one place: even on the same group and port each hears only its own nodes."""
+"""Two swarms on the same multicast group and port: each receives only its own nodes."""
 
 import asyncio
 import shutil

@@ -51,7 +51,7 @@ SPEED = Resource(
 )
 APART = (("broker", "register"), ("tree",))
 LINE = {"uav1": ("uav2",), "uav2": ("uav1", "gcs"), "gcs": ("uav2",)}
-"""Who hears whom: two hops from uav1 to gcs."""
+"""Reception between the nodes, with two hops from uav1 to gcs."""
 
 
 @on_uvloop

@@ -1,4 +1,4 @@
-"""Two nodes in virtual time, a network that loses and reorders: exactly once, or the sender is told."""
+"""Two nodes in virtual time, a network that loses and reorders: exactly once, or the sender learns it."""
 
 from collections import Counter
 from functools import partial

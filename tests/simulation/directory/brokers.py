@@ -113,7 +113,7 @@ class SimulatedKeys:
 
 
 class _Core(BrokerCore):
-    """The broker's core, which tells of each change of a route at the instant of the change."""
+    """The broker's core, which reports each change of a route at the instant of the change."""
 
     on_routes: Callable[[list[RouteChanged]], None] | None = None
 

@@ -200,7 +200,7 @@ class Cell(VirtualSwarm[str]):
             self.counted = (model.sent, model.sent_bytes)
 
     def multicast(self, sender: str, data: bytes) -> None:
-        """Beacons of light nodes reach the whole ones only: the others would not look at them."""
+        """Beacons of light nodes reach the whole ones only: the others would ignore them."""
         for receiver in self.nodes if sender in self.names else self.names:
             if receiver != sender:
                 self.send(sender, receiver, data)

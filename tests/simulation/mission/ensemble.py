@@ -118,7 +118,7 @@ class Ensemble:
         self.now_ns = S
         self.passages: list[Passage] = []
         self.cut_off: set[str] = set()
-        """Members that hear nobody and that nobody hears."""
+        """Members without reception in either direction."""
         self._events: list[tuple[int, int, Callable[[], None]]] = []
         self._order = count()
 
@@ -126,7 +126,7 @@ class Ensemble:
         heapq.heappush(self._events, (max(true_ns, self.now_ns), next(self._order), do))
 
     def run(self, until_s: float) -> None:
-        """Until nobody plays any more, or this long."""
+        """Runs until no member plays a mission, or for this time."""
         for node in self.nodes.values():
             self._after(node, node.core.on_timer(node.now(self.now_ns)))  # announces that it is idle
         self.at(self.now_ns + S, self._signs_of_life)

@@ -1,4 +1,4 @@
-"""A vehicle in a dead end plans anew once: the free direction next to the commanded one leads nowhere."""
+"""A vehicle in a dead end plans again once: the free direction next to the commanded one leads nowhere."""
 
 import math
 from collections.abc import Iterator

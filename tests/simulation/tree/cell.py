@@ -100,7 +100,7 @@ class Cell(VirtualTime):
         self.join(name)
 
     def join(self, name: str) -> None:
-        """It comes into the cell; all hear it, it hears all, each when its link is up."""
+        """The node enters the cell; it and all others receive each other as soon as their link is up."""
         for other in sorted(self.up - {name}):
             if (pair := frozenset((name, other))) not in self._met:
                 self._met.add(pair)

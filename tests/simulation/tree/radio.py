@@ -1,4 +1,4 @@
-"""Who hears whom: nodes that drive about in a square, radios with a range."""
+"""Reception between nodes that drive about in a square, with radios of limited range."""
 
 import random
 from collections import deque
@@ -22,7 +22,7 @@ class Radio:
         """Nodes of the same part can reach each other."""
 
     def move(self, step_s: float) -> None:
-        """Everybody drives on, and turns back at the edge."""
+        """All nodes drive on, and turn back at the edge."""
         for name, (x, y) in self._at.items():
             vx, vy = self._speed[name]
             if not 0 < x + vx * step_s < self._side_m:

@@ -308,7 +308,7 @@ class Swarm(VirtualTime):
         return self._random.uniform(2.0, self.weather.storm_s)
 
     def roll_call(self) -> None:
-        """Everybody says something once more, to all who subscribed."""
+        """All nodes publish once more, to all their subscribers."""
         for node in self.nodes.values():
             node.write("power/battery", "roll call")
             node.write("health/faults", "roll call", FrameKind.EVENT)

@@ -1,4 +1,4 @@
-"""Application files: locked while the application lives, told apart, never half-read."""
+"""Application files: locked while the application lives, distinguished by life, never half-read."""
 
 import contextlib
 import os

@@ -1,4 +1,4 @@
-"""Who serves an address that several applications claim: decided by the owner of the file, then by age."""
+"""An address that several applications claim goes to one by the owner of the file, then by age."""
 
 import pytest
 

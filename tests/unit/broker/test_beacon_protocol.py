@@ -80,7 +80,7 @@ class Node:
 
 
 def meet(*nodes: Node, now_ns: int = 0) -> None:
-    """Three rounds of beacons: everybody is up with everybody."""
+    """Three rounds of beacons, after which all links are up."""
     for round_ns in range(now_ns, now_ns + 3 * PERIOD, PERIOD):
         for node in nodes:
             node.protocol.advance(round_ns + node.clock_ns)

@@ -115,7 +115,7 @@ def test_the_rate_falls_below_one_hertz_among_hundreds(heard: int) -> None:
 
 
 def judge(slowdown: Slowdown, late_ms: float, period_ms: float, times: int = 1) -> float:
-    """So many whole judgements of beacons that all begin so late."""
+    """A number of complete judgements of beacons, each with this lateness."""
     for _ in range(times * max(EVALUATED_MIN, math.ceil(EVALUATION_NS / MS / period_ms))):
         slowdown.on_beacon(round(late_ms * MS), round(period_ms * MS))
     return slowdown.factor

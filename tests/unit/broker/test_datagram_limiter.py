@@ -15,7 +15,7 @@ HOME = ("10.0.0.1", 7447)
 def looked_at(
     admission: DatagramLimiter, sender_hw: int, number: int, now_ns: int = SECOND, *, spread: bool
 ) -> int:
-    """How many of so many bad datagrams were looked at."""
+    """Number of bad datagrams that passed the limiter."""
     count = 0
     for index in range(number):
         address = ("10.0.9.9", 1000 + index % 30_000 if spread else 1)

@@ -1,4 +1,4 @@
-"""Other swarms are told from forgers by the marks of their sessions, however many marks are invented."""
+"""Marks of sessions distinguish other swarms from forgers, however many marks are invented."""
 
 from swarmd.broker.core.membership.other_swarms import (
     ADDRESSES_MAX,

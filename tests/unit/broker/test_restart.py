@@ -22,7 +22,7 @@ ME, PEER = 1, 2
 @pytest.mark.parametrize("every", [1, 2, 3, 5])
 @pytest.mark.parametrize("others", [0, 300])
 def test_no_link_outlives_the_notice_whatever_its_loss(period_ms: int, every: int, others: int) -> None:
-    """`every`: so manieth datagram comes."""
+    """`every`: of this number of datagrams, one arrives."""
     table = NeighbourTable(ME, SECOND)
     now_ns = 0
     for hw in range(100, 100 + others):

@@ -1,4 +1,4 @@
-"""Whom a node believes: nobody who has not answered it, no new session that was not proven."""
+"""A node accepts only senders that have answered it, and only sessions with a proof."""
 
 from typing import Final
 
@@ -38,7 +38,7 @@ class Node:
 
 
 def talk(one: Node, other: Node, start_ns: int, rounds: int = 4, *, prove: bool = True) -> int:
-    """Both beacon and hear each other, connections included; the instant after it."""
+    """Both nodes receive beacons and connections of each other; returns the instant after it."""
     now_ns = start_ns
     for _ in range(rounds):
         for speaker, hearer in ((one, other), (other, one)):

@@ -1,4 +1,4 @@
-"""Who keeps a place among the connections that have not proven a key."""
+"""Connections without a proven key compete for a limited number of places."""
 
 import socket
 from collections.abc import Iterator

@@ -52,7 +52,7 @@ class Loop:
         raise context["exception"]
 
     def readable(self) -> bool:
-        """A socket has something: whether somebody wanted to know."""
+        """Reports a readable socket; returns whether a reader was registered."""
         for callback in list(self.readers.values())[:1]:
             callback()
             return True

@@ -1,4 +1,4 @@
-"""What doctor tells of the outages of links."""
+"""Report of doctor on the outages of links."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Values for people: units beside numbers, angles beside quaternions, no broken word at a narrow terminal."""
+"""Values as text: units beside numbers, angles beside quaternions, no broken word at a narrow terminal."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""One mission file: `start` sends what `check` looks at, and nothing beside it."""
+"""One mission file: `start` sends exactly the files that `check` reads."""
 
 import io
 import re

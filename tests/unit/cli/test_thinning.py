@@ -1,4 +1,4 @@
-"""Why fewer values arrive than their owner writes: what the operator is told."""
+"""Reasons that the operator gets for fewer values than the owner writes."""
 
 from typing import Any
 

@@ -28,7 +28,7 @@ def choice(a: str, b: str) -> dict[str, Any]:
 
 
 def wide(branches: int, body: Callable[[int], dict[str, Any]]) -> str:
-    """So many branches from one Fork to one Join `j`; branch n begins with the first block of `body(n)`."""
+    """Parallel branches from one Fork to one Join `j`; branch n begins with the first block of `body(n)`."""
     bodies = [body(n) for n in range(branches)]
     heads = ",".join(next(iter(part)) for part in bodies)
     blocks = {name: block for part in bodies for name, block in part.items()}

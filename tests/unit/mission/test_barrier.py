@@ -27,7 +27,7 @@ class Ensemble:
         return MissionState(7, "h", MissionPhase(state), (), barriers.arrivals, barriers.results)
 
     def talk(self, now_ns: int, silent: tuple[str, ...] = (), **states: str) -> dict[str, list[Passed]]:
-        """Everybody hears everybody; returns who passed."""
+        """All members receive all states; returns the members that passed."""
         boards = {name: self.board(name, states.get(name, "running")) for name in self.of}
         for hearer, barriers in self.of.items():
             for name, board in boards.items():

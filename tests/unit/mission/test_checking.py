@@ -36,7 +36,7 @@ def patience(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def fork(width: int, chain: int = 1, last: str = "j") -> str:
-    """So many branches at once, each a line of pauses."""
+    """A mission of `width` parallel branches, each a line of pauses."""
     blocks: dict[str, Any] = {}
     for branch in range(width):
         for step in range(chain):

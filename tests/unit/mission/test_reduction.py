@@ -101,7 +101,7 @@ def test_states_that_end_distinguishes_stay_separate(text: str, rules: set[str])
 
 
 def polls(n: int) -> dict[str, Any]:
-    """Looks at a value until it is as it should be."""
+    """Reads a value until it is as expected."""
     cases = [{"if": "battery < 30 %", "next": "j"}]
     return {f"d{n}": {"type": "Decision", "cases": cases, "next": f"w{n}"}, f"w{n}": f"Wait>d{n}"}
 

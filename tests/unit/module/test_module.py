@@ -32,7 +32,7 @@ class Supervised(msgspec.Struct):
 
 
 class Counted(Wakeup):
-    """How often somebody was woken."""
+    """Number of wake-ups of waiting tasks."""
 
     __slots__ = ("count",)
 

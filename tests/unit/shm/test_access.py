@@ -1,4 +1,4 @@
-"""Who may join a node: its own user, members of the group that may read its run directory, nobody else."""
+"""Who may join a node: its own user, and members of the group that may read its run directory."""
 
 import fcntl
 import os

@@ -163,7 +163,7 @@ def test_ring_of_another_version_is_named(tmp_path: Path) -> None:
 
 @pytest.fixture
 def ordinary_user() -> Iterator[None]:
-    """Root may open everything: be nobody for a while."""
+    """Drops to the user nobody for a while, because root may open everything."""
     before = os.geteuid()
     if before == 0:
         os.seteuid(65534)

@@ -1,4 +1,4 @@
-"""Doorbells and the tables of those who want to hear them, all in one process."""
+"""Doorbells and the tables of their readers, all in one process."""
 
 import fcntl
 import os

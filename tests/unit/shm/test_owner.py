@@ -1,4 +1,4 @@
-"""Who owns a ring, and whether that very process still runs."""
+"""Owner of a ring, and whether this same process still runs."""
 
 import os
 import subprocess

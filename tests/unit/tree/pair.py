@@ -117,7 +117,7 @@ class Pair:
         self.now_ns = end_ns
 
     def carry(self, *, lose: bool = False, lose_answers: bool = False) -> int:
-        """All messages, until nobody has anything to say; how many."""
+        """Delivers all messages until none is pending; returns their number."""
         count = 0
         while True:
             pending = [(name, action) for name, tree in self.trees.items() for action in tree.drain()]

@@ -20,7 +20,7 @@ EVENT = Resource(path="health/faults", kind=Kind.EVENT, type="Text")
 
 
 def take(one: Feed, now_ns: int, limit: int) -> list[TreeItem]:
-    """Taken, and on its way no more."""
+    """Takes an item that is then no longer in flight."""
     taken = one.take(now_ns, limit, 10**9)
     one.on_acknowledged((), 0)
     return taken

@@ -101,7 +101,7 @@ def test_buffer_grows_as_limit_and_shrinks_with_queue() -> None:
 
 
 def unopened(links: ReliableLinks, from_ns: int, until_ns: int) -> list[Action]:
-    """Looks at connections that do not open, while frames wait for them."""
+    """Checks connections that do not open, while frames wait for them."""
     return [
         action
         for now_ns in range(from_ns, until_ns, CHECK_NS)
