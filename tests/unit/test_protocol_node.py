@@ -288,7 +288,8 @@ def test_the_figures_of_the_services_are_ours() -> None:
         f"at most {structure.PATHS_LIMIT // 1000} 000 resources",
         f"buffers later ones ({REORDER_WINDOW} from `first` on",
         f"at most {LANE.count_max} notifications and {LANE.window_max // 1024:.0f} KiB unacknowledged",
-        f"are {LANE.window_first // 1024:.0f} at first, are halved, down to {LANE.window_min // 1024:.0f},",
+        f"is {LANE.window_first // 1024:.0f} KiB at first. It is halved,"
+        f" down to {LANE.window_min // 1024:.0f} KiB,",
         f"a notification at most {ITEMS_LIMIT} items and {BYTES_LIMIT // 1024} KiB",
         f"Changes of the structure are collected for {tree.coalesce_s} s",
         f"waits at it, for {mission.start_timeout_s:g} s",
