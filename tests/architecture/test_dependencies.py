@@ -16,11 +16,12 @@ ROOT: Final = Path(__file__).parents[2]
 PROJECT: Final = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 EXTRAS: Final[dict[str, list[str]]] = PROJECT["optional-dependencies"]
 OWN: Final = {
-    *("swarmware", "swarmd", "swarmctl", "swarmlab", "tests", "fanout", "lab", "links", "rows"),
+    *("swarmware", "swarmd", "swarmctl", "swarmlab", "tests", "fanout", "lab", "links"),
+    *("radio_links", "rows"),
     *("command_schemas", "file_schemas", "mission_pages", "my_name", "reference_pages", "struct_tables"),
 }
-"""`fanout`, `lab`, `links` and `rows` are modules of the benchmarks, `my_name` is the one of each scaffold;
-the two schemas, `mission_pages` and the last two belong to the generator of the documents."""
+"""`fanout`, `lab`, `links`, `radio_links` and `rows` are modules of the benchmarks, `my_name` is the one of
+each scaffold; the schemas, `mission_pages` and the last two belong to the generator of the documents."""
 IMPORTED_AS: Final = {
     "python-can": {"can"},
     "eclipse-zenoh": {"zenoh"},

@@ -20,31 +20,25 @@ from pathlib import Path
 from typing import Final
 
 from lab import options, radio_lab
+from radio_links import INBOX, MESSAGE_BYTES, MESSAGE_S, NODES, PATIENCE_S, drain
 from rows import Row, print_rows
 
 from swarmctl.session.labs import LabState
 from swarmlab.radio.core.link import ImpairmentChange
 from swarmlab.radio.orders import ImpairLinks, send
-from swarmware.errors import NoAnswer
-from swarmware.module.inbox import Inbox
 from swarmware.module.module import Module
 from swarmware.module.stream import StreamReader
 from swarmware.types.net import ConnectionStatus, Neighbours
 from swarmware.types.scalar import Blob
 
-NODES: Final = 4
 OWN: Final = "bench-busy"
 LOSS: Final = 0.4
 ITEM_HZ: Final = 30.0
 ITEM_BYTES: Final = 1000
 LEAST_HZ: Final = 29.0
-MESSAGE_S: Final = 0.2
-MESSAGE_BYTES: Final = 200
 TIMEOUT_S: Final = 2.0
 SETTLE_S: Final = 20.0
 """Time after the last item within which the others arrive, or are reported as lost."""
-PATIENCE_S: Final = 60.0
-INBOX: Final = "bench/message"
 STREAM: Final = "bench/items"
 NUMBER: Final = 4
 """Bytes of the number of an item."""
@@ -61,13 +55,6 @@ def busy(loops: int) -> Iterator[None]:
         for one in running:
             one.kill()
             one.wait()
-
-
-async def drain(inbox: Inbox[Blob]) -> None:
-    """Takes everything that arrives."""
-    with suppress(NoAnswer):
-        async for _ in inbox:
-            pass
 
 
 class Taken:
