@@ -1,6 +1,6 @@
 """The sender's side: pending messages and requests, their retransmissions and time-outs."""
 
-from collections import Counter
+from collections import Counter, defaultdict
 from typing import Final
 
 import msgspec
@@ -84,7 +84,7 @@ class Outbox(Flight[Key, _Pending]):
         self._unanswered: Counter[tuple[int, int]] = Counter()
         """Number of messages by receiver's hardware and data id; requests are bounded by the receiver."""
         self._timers: Timers[Key] = Timers()
-        self._rtt: dict[_Way, RttEstimator] = {}
+        self._rtt: defaultdict[_Way, RttEstimator] = defaultdict(RttEstimator)
         self.resent = 0
         """Frames sent more than once."""
 
@@ -144,7 +144,7 @@ class Outbox(Flight[Key, _Pending]):
         pending = self.acknowledge(key, now_ns)
         round_trip_ns = None if pending is None else pending.round_trip_ns(now_ns)
         if pending is not None and round_trip_ns is not None and pending.frame.kind is not FrameKind.REQUEST:
-            self._rtt.setdefault(pending.way, RttEstimator()).add(round_trip_ns)
+            self._rtt[pending.way].add(round_trip_ns)
 
     def reached(self, key: Key) -> None:
         """The message was passed to a living application of this platform."""
