@@ -162,20 +162,21 @@ async def test_reaction_starts_stored_mission_first(tmp_path: Path) -> None:
     async with swarm(tmp_path, "uav1") as s:
         member = s["uav1"]
         member.vehicle.landed = False
-        member.vehicle.answers["goto"] = "moving"
+        member.vehicle.answers["takeoff"] = "moving"
         folder = member.node.config.data_path / "missions" / "inspect"
         folder.mkdir(parents=True)
         (folder / "mission.json").write_text(
             '{"requires": ["vehicle/state.armed"], "mission": {"s": {"type": "Start", "next": "g"},'
-            ' "g": {"type": "Goto", "x": 5, "y": 0, "z": 5, "next": "e"}, "e": {"type": "End"}}}'
+            ' "g": {"type": "Takeoff", "alt": 5, "next": "e"}, "e": {"type": "End"}}}'
         )
         task = MissionTask("hover", files=(manifest(look), hover(60.0)))
         assert (await s.ask(TASK, task, TaskAnswer)).accepted
         await s.until(lambda: "a" in member.passed)
         member.vehicle.health.write(LOW)
-        await s.until(lambda: "goto" in member.kinds)
+        await s.until(lambda: "takeoff" in member.kinds)
         queue = await s.ask("sys/mission/queue", Empty(), MissionQueue)
         assert [(one.mission, one.priority, one.state) for one in queue.runs] == [
             ("inspect", 7, "running"),
             ("hover", 0, "suspended"),
         ]
+        (folder / "mission.json").unlink()
