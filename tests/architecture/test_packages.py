@@ -45,7 +45,6 @@ LONG = {
     "lib/swarmware/transport/shm/ring.py": "writer and reader of one memory layout, which change together",
     "lib/swarmware/types/channel.py": "the types of one area, which one page documents",
     "lib/swarmware/types/mission.py": "the types of one area, which one page documents",
-    "lib/swarmware/types/tree.py": "the types of one area, which one page documents",
 }
 """Files of more lines that are not split, and the reason for each."""
 

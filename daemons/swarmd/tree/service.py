@@ -53,7 +53,8 @@ from swarmware.types.channel import ChannelLimits
 from swarmware.types.health import OK_STATE
 from swarmware.types.mission import MissionState
 from swarmware.types.net import Neighbours, Routes, StructureBroadcast, TreePlan
-from swarmware.types.tree import TreeChange, TreeItem
+from swarmware.types.tree import TreeChange
+from swarmware.types.tree_exchange import TreeItem
 
 PROBE_S: Final = 1.0
 """Period of looking for applications that died without leaving."""

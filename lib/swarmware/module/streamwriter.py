@@ -12,7 +12,7 @@ from swarmware.module.remote_clocks import RemoteClocks
 from swarmware.module.writer import BoardWriter
 from swarmware.node.node import Node
 from swarmware.node.publication import Publication
-from swarmware.types.tree import StreamLosses
+from swarmware.types.tree_exchange import StreamLosses
 
 T = TypeVar("T", bound=msgspec.Struct)
 

@@ -19,7 +19,7 @@ from swarmd.tree.core.action import SendNotify
 from swarmd.tree.core.notification.lane import LaneNumber
 from swarmware.model.frame import FrameKind
 from swarmware.types.scalar import Text
-from swarmware.types.tree import TreeItem, TreeNotify
+from swarmware.types.tree_exchange import TreeItem, TreeNotify
 
 RATE_BYTES_S: Final = 250_000
 NOTE_BYTES: Final = 32_000

@@ -20,7 +20,8 @@ from swarmware.errors import NoAnswer, SwarmError
 from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.types.net import Neighbours
-from swarmware.types.tree import TreeList, TreeListing, TreeStats
+from swarmware.types.tree import TreeList, TreeListing
+from swarmware.types.tree_exchange import TreeStats
 
 T = TypeVar("T", bound=msgspec.Struct)
 

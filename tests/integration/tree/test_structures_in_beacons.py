@@ -9,7 +9,7 @@ from tests.patience import PATIENCE_S
 from swarmware.types.net import StructureBroadcast
 from swarmware.types.scalar import Text
 from swarmware.types.traffic import Traffic
-from swarmware.types.tree import TreeStats
+from swarmware.types.tree_exchange import TreeStats
 
 NAMES = ("uav1", "uav2", "uav3", "uav4")
 APART = (("broker",), ("tree",))

@@ -26,7 +26,6 @@ from swarmware.types.navigation import Goal, GoalKind
 from swarmware.types.scalar import Blob, Float, Int, Text
 from swarmware.types.tree import (
     Rule,
-    StreamLosses,
     TreeChange,
     TreeGet,
     TreeReset,
@@ -38,6 +37,7 @@ from swarmware.types.tree import (
     TreeValue,
     TypeRequest,
 )
+from swarmware.types.tree_exchange import StreamLosses
 from swarmware.types.vehicle import Pose, VehicleState
 
 SPEED = Resource(

@@ -21,7 +21,7 @@ from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Kind, Resource
 from swarmware.node.mirror_writer import ArrivalOrder
 from swarmware.runtime.driver import CoreDriver
-from swarmware.types.tree import (
+from swarmware.types.tree_exchange import (
     StructureReply,
     StructureRequest,
     SubscribeReply,

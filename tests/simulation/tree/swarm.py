@@ -16,7 +16,7 @@ from swarmd.tree.core.tree import SwarmTree
 from swarmware.model.frame import FrameKind
 from swarmware.model.names import Address
 from swarmware.testing.virtual import VirtualTime
-from swarmware.types.tree import (
+from swarmware.types.tree_exchange import (
     StructureReply,
     StructureRequest,
     SubscribeReply,

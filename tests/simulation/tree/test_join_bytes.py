@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from tests.simulation.tree.cell import Cell
 
-from swarmware.types.tree import TreeItem
+from swarmware.types.tree_exchange import TreeItem
 
 S = 1_000_000_000
 SESSION_BYTES = 500

@@ -11,7 +11,7 @@ from swarmware.transport.delivery.answer import answer, reply
 from swarmware.transport.delivery.outcome import Status
 from swarmware.types import registry
 from swarmware.types.traffic import ChannelTraffic
-from swarmware.types.tree import TreeItem, TreeNotify
+from swarmware.types.tree_exchange import TreeItem, TreeNotify
 
 PATHS = {5: "cmd/goto", NOTIFY_ID: "sys/tree/notify"}
 

@@ -24,7 +24,7 @@ from swarmware.module.module import Module
 from swarmware.testing.leaks import no_leaks
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.types.scalar import Blob, Text
-from swarmware.types.tree import TreeItem, TreeNotify
+from swarmware.types.tree_exchange import TreeItem, TreeNotify
 
 NOTE_BYTES = 32_000
 LANES = {

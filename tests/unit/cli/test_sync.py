@@ -3,7 +3,8 @@
 import pytest
 
 from swarmctl.commands.node.sync import node_sync
-from swarmware.types.tree import TreePlatform, TreeStats
+from swarmware.types.tree import TreePlatform
+from swarmware.types.tree_exchange import TreeStats
 
 
 def stats(followed: int, structures: int, subscriptions: int) -> TreeStats:

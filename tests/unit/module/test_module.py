@@ -22,7 +22,7 @@ from swarmware.types import registry
 from swarmware.types.described import class_of
 from swarmware.types.description import FieldDescription, StructDescription, TypeDescription
 from swarmware.types.scalar import Float, Int, Text
-from swarmware.types.tree import StreamLoss, StreamLosses
+from swarmware.types.tree_exchange import StreamLoss, StreamLosses
 
 
 class Supervised(msgspec.Struct):

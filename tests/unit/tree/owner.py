@@ -6,7 +6,7 @@ from swarmd.tree.core.action import Action, RequestStructure, RequestSubscriptio
 from swarmware.model.resource import Kind, Resource
 from swarmware.testing.virtual import VirtualSwarm
 from swarmware.types import registry
-from swarmware.types.tree import TreeItem, TreeNotify
+from swarmware.types.tree_exchange import TreeItem, TreeNotify
 
 LIDAR = Resource(path="sensor/lidar", kind=Kind.STREAM, type="Blob", link="notify", owner="hal")
 

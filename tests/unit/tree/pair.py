@@ -10,7 +10,7 @@ from swarmd.tree.core.action import Action, RequestStructure, RequestSubscriptio
 from swarmd.tree.core.tree import SwarmTree
 from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Kind, Resource
-from swarmware.types.tree import TreeItem, TreeNotify
+from swarmware.types.tree_exchange import TreeItem, TreeNotify
 
 S = 1_000_000_000
 CONFIG = Config(

@@ -15,7 +15,8 @@ from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Kind, Resource
 from swarmware.testing.virtual import VirtualSwarm
 from swarmware.types.channel import ChannelLimit, ChannelSettings
-from swarmware.types.tree import Rule, TreeItem, TreeNotify
+from swarmware.types.tree import Rule
+from swarmware.types.tree_exchange import TreeItem, TreeNotify
 
 BATTERY = Resource(path="power/battery", type="Float", owner="hal")
 BUFFER = ChannelSettings(buffer_bytes=100_000, buffer_s=60.0)

@@ -22,8 +22,8 @@ from swarmware.model import names
 from swarmware.model.frame import Frame, FrameKind, encode
 from swarmware.model.resource import Resource
 from swarmware.types import registry
-from swarmware.types.tree import (
-    Rule,
+from swarmware.types.tree import Rule
+from swarmware.types.tree_exchange import (
     StructureReply,
     StructureRequest,
     SubscribeReply,

@@ -17,7 +17,7 @@ from swarmd.tree.core.structure.structure import StructureEncoding
 from swarmd.tree.core.tree import SwarmTree
 from swarmware.errors import Conflict
 from swarmware.model.resource import Resource
-from swarmware.types.tree import StructureReply
+from swarmware.types.tree_exchange import StructureReply
 
 
 def knows(both: Pair, one: str, other: str) -> bool:

@@ -12,7 +12,8 @@ from swarmd.tree.core.notification.feed import Feed
 from swarmd.tree.core.notification.feed_channel import QUEUE_BYTES, QUEUE_LIMIT
 from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Kind, Resource
-from swarmware.types.tree import Rule, TreeItem
+from swarmware.types.tree import Rule
+from swarmware.types.tree_exchange import TreeItem
 
 S = 1_000_000_000
 BOARD = Resource(path="power/battery", type="Float")

@@ -7,7 +7,8 @@ from swarmd.tree.core.notification.feed_channel import CATCH_UP, FeedChannel
 from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Kind, Resource
 from swarmware.types.channel import ChannelProtocol, ChannelSettings
-from swarmware.types.tree import Rule, TreeItem
+from swarmware.types.tree import Rule
+from swarmware.types.tree_exchange import TreeItem
 
 S = 1_000_000_000
 STREAM = Resource(path="sensor/packets", kind=Kind.STREAM, type="Blob")

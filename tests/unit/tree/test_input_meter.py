@@ -5,7 +5,7 @@ import pytest
 from swarmd.tree.core.values.input_meter import InputMeter
 from swarmware.model.frame import FrameKind
 from swarmware.model.names import Address
-from swarmware.types.tree import TreeItem
+from swarmware.types.tree_exchange import TreeItem
 
 MS = 1_000_000
 

@@ -15,7 +15,7 @@ from swarmware.module.jpeg import to_pixels
 from swarmware.types import registry
 from swarmware.types.perception import Image, ImageEncoding
 from swarmware.types.scalar import Blob
-from swarmware.types.tree import TreeItem, TreeNotify
+from swarmware.types.tree_exchange import TreeItem, TreeNotify
 
 RECORDING = (Path(__file__).parents[3] / "share/swarm/data/vlp16/recording.bin").read_bytes()
 ALL = frozenset(READABLE)

@@ -20,7 +20,7 @@ from swarmware.model.compression import CONTAINER, READABLE, Compression, pack
 from swarmware.model.frame import FrameKind
 from swarmware.types import registry
 from swarmware.types.scalar import Blob
-from swarmware.types.tree import TreeItem
+from swarmware.types.tree_exchange import TreeItem
 
 RECORDING = (Path(__file__).parents[3] / "share/swarm/data/vlp16/recording.bin").read_bytes()
 ALL = frozenset(READABLE)

@@ -13,7 +13,8 @@ from swarmd.tree.core.notification.link_rate import STOPPED_NS, UNLIMITED_BIT_S,
 from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Kind, Resource
 from swarmware.types.channel import RATE_MAX_HZ, ChannelSettings
-from swarmware.types.tree import Rule, TreeItem, TreeNotify
+from swarmware.types.tree import Rule
+from swarmware.types.tree_exchange import TreeItem, TreeNotify
 
 MS = 1_000_000
 S = 1000 * MS

@@ -9,7 +9,7 @@ from swarmd.tree.core.structure.index import Index, leaf
 from swarmd.tree.core.structure.local import LocalTree, OwnerTimeouts, merge
 from swarmd.tree.core.structure.structure import StructureEncoding
 from swarmware.model.resource import Kind, Resource
-from swarmware.types.tree import StructureReply, StructureRequest
+from swarmware.types.tree_exchange import StructureReply, StructureRequest
 
 S = 1_000_000_000
 POSE = Resource(

@@ -9,7 +9,7 @@ from swarmware.model.names import data_id, hardware_id
 from swarmware.node.mirror_writer import MirrorWriter
 from swarmware.testing.tmpnode import tmp_node
 from swarmware.types.net import BoardSubscription
-from swarmware.types.tree import TreeItem
+from swarmware.types.tree_exchange import TreeItem
 
 PATH, TYPE = "power/fuel", "Float"
 ID = data_id(PATH, TYPE)

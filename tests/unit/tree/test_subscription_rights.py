@@ -6,7 +6,8 @@ from tests.unit.tree.pair import BATTERY, CONFIG, FAULTS, TEMPLATE, S
 from swarmd.tree.core.structure.subscription import make_subscription
 from swarmd.tree.core.tree import SwarmTree
 from swarmware.model.access import Access, AccessRule, Role, Sender, Verb
-from swarmware.types.tree import Rule, SubscribeReply, SubscribeRequest
+from swarmware.types.tree import Rule
+from swarmware.types.tree_exchange import SubscribeReply, SubscribeRequest
 
 RULES = (
     AccessRule(Verb.SUBSCRIBE, "health/**", "operator"),

@@ -13,7 +13,7 @@ from swarmware.model.frame import FrameKind
 from swarmware.model.resource import Kind, Resource
 from swarmware.types.channel import ChannelLimit, ChannelSettings
 from swarmware.types.net import BoardPublication, BoardSubscription
-from swarmware.types.tree import BoardLimit, SubscribeReply, SubscribeRequest, TreeItem, TreeNotify
+from swarmware.types.tree_exchange import BoardLimit, SubscribeReply, SubscribeRequest, TreeItem, TreeNotify
 
 
 def battery(both: Pair, number: float, sequence: int = 1) -> None:

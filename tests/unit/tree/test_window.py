@@ -16,7 +16,8 @@ from swarmd.tree.core.notification.reorder_buffer import REORDER_WINDOW, Reorder
 from swarmware.errors import WireError
 from swarmware.model.frame import FrameKind
 from swarmware.testing.virtual import VirtualSwarm
-from swarmware.types.tree import Rule, TreeItem, TreeNotify
+from swarmware.types.tree import Rule
+from swarmware.types.tree_exchange import TreeItem, TreeNotify
 
 ITEM = b"x" * 1000
 

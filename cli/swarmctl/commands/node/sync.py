@@ -9,7 +9,8 @@ from swarmctl.resources.fanout import read_boards
 from swarmctl.session.session import Session
 from swarmware.errors import SwarmError
 from swarmware.model import names
-from swarmware.types.tree import TreeList, TreeListing, TreePlatform, TreeStats
+from swarmware.types.tree import TreeList, TreeListing, TreePlatform
+from swarmware.types.tree_exchange import TreeStats
 
 
 class SyncVerdict(StrEnum):

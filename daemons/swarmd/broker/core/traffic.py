@@ -14,7 +14,7 @@ from swarmware.types import registry
 from swarmware.types.net import LinkTransport
 from swarmware.types.rpc import Ack
 from swarmware.types.traffic import ChannelTraffic, LinkTraffic, Refused
-from swarmware.types.tree import TreeNotify
+from swarmware.types.tree_exchange import TreeNotify
 
 IP_UDP_BYTES: Final = 28
 """IPv4 and UDP headers of a datagram."""

@@ -10,7 +10,7 @@ from swarmware.model.compression import Compression
 from swarmware.model.frame import Codec, Frame, FrameKind
 from swarmware.model.names import MAIN, hardware_id
 from swarmware.model.resource import Resource
-from swarmware.types.tree import StructureRequest, SubscribeRequest, TreeItem, TreeNotify
+from swarmware.types.tree_exchange import StructureRequest, SubscribeRequest, TreeItem, TreeNotify
 
 _KINDS: Final = (FrameKind.NOTIFY, FrameKind.STREAM, FrameKind.BOARD, FrameKind.FILE)
 """Kind of frame of each lane."""

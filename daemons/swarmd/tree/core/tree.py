@@ -18,8 +18,8 @@ from swarmware.model.resource import Kind, Link, Resource
 from swarmware.runtime.loop_delay import LoopDelay
 from swarmware.types.channel import ChannelLimit, ChannelProtocol, settings_of
 from swarmware.types.net import LinkStatus, Neighbours, Routes, StructureBroadcast
-from swarmware.types.tree import (
-    Rule,
+from swarmware.types.tree import Rule
+from swarmware.types.tree_exchange import (
     StructureReply,
     StructureRequest,
     SubscribeReply,

@@ -18,7 +18,7 @@ from swarmware.module.jpeg import to_jpeg
 from swarmware.types import registry
 from swarmware.types.channel import CompressionState
 from swarmware.types.perception import Image
-from swarmware.types.tree import TreeItem, TreeNotify
+from swarmware.types.tree_exchange import TreeItem, TreeNotify
 
 BESIDE_BYTES: Final = 128 * 1024
 """Values of more bytes are coded in a thread: a loop that stops for 50 ms delays commands."""

@@ -9,7 +9,7 @@ from swarmware.model.resource import Kind, Resource
 from swarmware.node.follower import RingFollower
 from swarmware.node.node import Node
 from swarmware.transport.shm.layout import ring_file
-from swarmware.types.tree import TreeItem
+from swarmware.types.tree_exchange import TreeItem
 
 _ORDERED: Final = frozenset({Kind.EVENT, Kind.STREAM})
 

@@ -21,7 +21,7 @@ from swarmware.module.inbox import Inbox
 from swarmware.module.meta import Meta
 from swarmware.module.module import Module
 from swarmware.runtime.driver import CoreDriver
-from swarmware.types.tree import (
+from swarmware.types.tree_exchange import (
     StructureReply,
     StructureRequest,
     SubscribeReply,

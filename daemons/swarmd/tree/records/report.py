@@ -11,7 +11,7 @@ from swarmd.tree.records.denial_log import DenialLog
 from swarmware.module.module import Module
 from swarmware.module.writer import BoardWriter
 from swarmware.types.channel import ChannelStates, ListChannels
-from swarmware.types.tree import StreamLoss, StreamLosses, TreeStats
+from swarmware.types.tree_exchange import StreamLoss, StreamLosses, TreeStats
 
 log = logging.getLogger("swarm.tree")
 

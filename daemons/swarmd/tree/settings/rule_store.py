@@ -13,7 +13,8 @@ from swarmware.errors import ConfigError, InvalidInput, NotFound
 from swarmware.model import document
 from swarmware.model.clock import utc_ns
 from swarmware.runtime.filewriter import replace_file, set_aside
-from swarmware.types.tree import RULES_LIMIT, Rule, TreeRule
+from swarmware.types.tree import Rule, TreeRule
+from swarmware.types.tree_exchange import RULES_LIMIT
 
 FILE: Final = "rules.toml"
 """Name of the file in the data folder of the node."""

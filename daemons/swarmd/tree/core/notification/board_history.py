@@ -8,7 +8,7 @@ from typing import Final
 from swarmd.tree.core.notification.condition import differs
 from swarmd.tree.core.notification.feed_channel import BURST_NS, FeedChannel
 from swarmware.model.resource import Resource
-from swarmware.types.tree import TreeItem
+from swarmware.types.tree_exchange import TreeItem
 
 _STAMP: Final = attrgetter("stamp_ns")
 NEVER_NS: Final = -(1 << 62)

@@ -10,7 +10,8 @@ from swarmd.tree.core.notification.feed_channel import BURST_NS, FeedChannel
 from swarmd.tree.core.notification.link_rate import LinkRate
 from swarmware.model.resource import Kind, Resource
 from swarmware.types.channel import ChannelSettings
-from swarmware.types.tree import Rule, TreeItem
+from swarmware.types.tree import Rule
+from swarmware.types.tree_exchange import TreeItem
 
 IMAGE: Final = "Image"
 """Type of the items that may go as video instead."""

@@ -12,7 +12,7 @@ from swarmware.model.compression import CONTAINER, Method, needs, pack, unpack
 from swarmware.model.record_filter import NO_RECORDS, Layout, Records
 from swarmware.types import registry
 from swarmware.types.bounds import Count, Instant, Uint16
-from swarmware.types.tree import TreeItem
+from swarmware.types.tree_exchange import TreeItem
 
 SMALLEST: Final = 256
 """Bytes of values below which a container and the dictionary of its method cost more than they save."""

@@ -11,7 +11,7 @@ from swarmd.tree.core.notification.feed import Feed
 from swarmd.tree.core.notification.reorder_buffer import REORDER_WINDOW
 from swarmware.transport.retransmission.flight import Flight, Sent
 from swarmware.transport.retransmission.policy import RetransmissionPolicy
-from swarmware.types.tree import TreeItem, TreeNotify
+from swarmware.types.tree_exchange import TreeItem, TreeNotify
 
 LANE: Final = RetransmissionPolicy(
     window_first=64 * 1024,  # half a second at 1 Mbit/s

@@ -5,7 +5,7 @@ from typing import Final
 
 from swarmware.transport.delivery.bitrate_control import QUEUE_NS, BitrateControl
 from swarmware.transport.retransmission.rtt import QueueDelay
-from swarmware.types.tree import TreeItem
+from swarmware.types.tree_exchange import TreeItem
 
 UNLIMITED_BIT_S: Final = 10_000_000_000
 """As good as no limit."""

@@ -3,7 +3,7 @@
 from typing import Final
 
 from swarmware.errors import WireError
-from swarmware.types.tree import TreeNotify
+from swarmware.types.tree_exchange import TreeNotify
 
 REORDER_WINDOW: Final = 512
 """Serials from the oldest unacknowledged one: ten seconds of one every 20 ms."""

@@ -3,7 +3,7 @@
 from swarmd.tree.core.replicas.replica import Replica
 from swarmd.tree.core.structure.structure import StructureEncoding
 from swarmware.types.net import StructureBroadcast
-from swarmware.types.tree import StructureReply
+from swarmware.types.tree_exchange import StructureReply
 
 
 class ReceivedBroadcasts:

@@ -13,7 +13,7 @@ from swarmd.tree.core.structure.subscription import LocalSubscriptions, subscrib
 from swarmware.model.names import Address
 from swarmware.runtime.loop_delay import LoopDelay
 from swarmware.types.net import BoardSubscription
-from swarmware.types.tree import BoardLimit
+from swarmware.types.tree_exchange import BoardLimit
 
 
 class SyncState(msgspec.Struct, frozen=True):

@@ -21,7 +21,7 @@ from swarmware.model.resource import Resource
 from swarmware.runtime.backoff import pause_after
 from swarmware.runtime.timers import Timers
 from swarmware.types.net import BoardSubscription, StructureBroadcast
-from swarmware.types.tree import (
+from swarmware.types.tree_exchange import (
     BoardLimit,
     StructureReply,
     StructureRequest,

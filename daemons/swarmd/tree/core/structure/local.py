@@ -9,7 +9,7 @@ import msgspec
 from swarmd.tree.core.structure.index import Index, Leaf, leaf
 from swarmd.tree.core.structure.structure import History, StructureEncoding, encode, version
 from swarmware.model.resource import Kind, Link, Resource, clash_text, clashes
-from swarmware.types.tree import StructureReply, StructureRequest
+from swarmware.types.tree_exchange import StructureReply, StructureRequest
 
 log = logging.getLogger("swarm.tree")
 

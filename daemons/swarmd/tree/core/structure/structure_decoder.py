@@ -6,7 +6,7 @@ from typing import Final
 from swarmd.tree.core.structure.index import Index, Leaf, leaf
 from swarmd.tree.core.structure.structure import Patches, StructureEncoding
 from swarmware.model.resource import Resource
-from swarmware.types.tree import StructureReply, TreeNotify
+from swarmware.types.tree_exchange import StructureReply, TreeNotify
 
 TEMPLATES_LIMIT: Final = 64
 """Templates of other platforms that are kept."""

@@ -12,7 +12,7 @@ from swarmd.tree.core.subscribers.subscription_plan import SubscriptionPlan
 from swarmware.model.access import Sender
 from swarmware.model.compression import Method
 from swarmware.model.resource import Kind
-from swarmware.types.tree import BoardLimit
+from swarmware.types.tree_exchange import BoardLimit
 
 ITEMS_LIMIT: Final = 64
 FEED_LIMIT: Final = 32

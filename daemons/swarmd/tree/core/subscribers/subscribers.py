@@ -26,7 +26,8 @@ from swarmware.types.channel import (
     RateSource,
 )
 from swarmware.types.net import BoardPublication
-from swarmware.types.tree import Rule, SubscribeReply, SubscribeRequest, TreeItem, TreeNotify
+from swarmware.types.tree import Rule
+from swarmware.types.tree_exchange import SubscribeReply, SubscribeRequest, TreeItem, TreeNotify
 
 LEASE_MAX_S: Final = 3600.0
 CHANNELS_LIMIT: Final = 5000

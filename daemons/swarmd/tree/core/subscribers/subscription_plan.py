@@ -21,7 +21,8 @@ from swarmware.types.channel import (
     rate_rule,
     settings_of,
 )
-from swarmware.types.tree import BOARD_LIMITS_LIMIT, BoardLimit, Rule, TreeItem
+from swarmware.types.tree import Rule
+from swarmware.types.tree_exchange import BOARD_LIMITS_LIMIT, BoardLimit, TreeItem
 
 CACHE_LIMIT: Final = 2000
 """Subscriptions whose matches are kept: platforms of one kind have the same ones."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Mapping
 from swarmd.tree.core.action import Action, Unwatch, Watch
 from swarmd.tree.core.notification.feed import Feed
 from swarmd.tree.core.subscribers.subscriber import Subscriber
-from swarmware.types.tree import TreeItem
+from swarmware.types.tree_exchange import TreeItem
 
 
 class WatchedResources:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable
 
 from swarmware.model.names import Address
-from swarmware.types.tree import TreeItem
+from swarmware.types.tree_exchange import TreeItem
 
 
 class InputCount:
