@@ -5,9 +5,13 @@ import time
 from collections.abc import Awaitable, Callable
 from typing import Final, TypeVar
 
+import msgspec
+
 from swarmware.errors import SwarmError
+from swarmware.module.board import BoardReader
 
 T = TypeVar("T")
+V = TypeVar("V", bound=msgspec.Struct)
 
 PATIENCE_S: Final = 60.0
 """Of a computer that is busy with other tests. What a test proves never depends on it: it only ends the wait
@@ -43,3 +47,11 @@ async def until_answer(ask: Callable[[], Awaitable[T]], right: Callable[[T], boo
             except SwarmError:
                 pass
             await asyncio.sleep(_ASK_S)
+
+
+async def until_value(board: BoardReader[V], right: Callable[[V], bool]) -> V:
+    """The first value of a board that is right."""
+    async with asyncio.timeout(PATIENCE_S):
+        while board.value is None or not right(board.value):
+            await board.changed()
+    return board.value

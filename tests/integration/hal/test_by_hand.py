@@ -7,7 +7,7 @@ from typing import TypeVar
 
 import msgspec
 import pytest
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, until_value
 
 from swarmware.errors import Denied
 from swarmware.module.board import BoardReader
@@ -31,13 +31,6 @@ T = TypeVar("T", bound=msgspec.Struct)
 CHASSIS = ("sim", "hal")
 DRIVERS = ("navigator", "mission", "health", "control")
 DRIVE = "sys/vehicle/drive"
-
-
-async def until(board: BoardReader[T], right: Callable[[T], bool]) -> T:
-    async with asyncio.timeout(PATIENCE_S):
-        while board.value is None or not right(board.value):
-            await board.changed()
-    return board.value
 
 
 async def ask(m: Module, event: DriveEvent, *, take: bool = False) -> ControlState:
@@ -69,15 +62,15 @@ def test_vehicle_has_one_driver_and_dies_without_drivers(tmp_path: Path) -> None
             mission = anna.reader("mission/state", MissionState)
             truth = anna.reader("sim/truth", Pose)
             vehicle = anna.reader("vehicle/state", VehicleState)
-            await until(vehicle, lambda v: not v.armed)
-            await until(anna.reader("nav/pose", Pose), lambda _: True)
+            await until_value(vehicle, lambda v: not v.armed)
+            await until_value(anna.reader("nav/pose", Pose), lambda _: True)
 
             # a set-point without the stick moves nothing; the stick holds the mission
             up = ManoeuvreRequest("takeoff", {"altitude_m": 30.0, "speed_m_s": 2.0})
             await anna.request("sys/mission/manoeuvre", up, MissionStatus, timeout_s=PATIENCE_S)
-            await until(truth, lambda pose: pose.z_m > 1.5)
+            await until_value(truth, lambda pose: pose.z_m > 1.5)
             assert (await ask(anna, DriveEvent.DRIVE)).mode is DriveMode.MANUAL
-            held = await until(mission, lambda state: state.held_by != "")
+            held = await until_value(mission, lambda state: state.held_by != "")
             assert held.held_by.startswith("anna")
             await send_until(anna, Setpoint(1.5), truth, lambda pose: pose.vx_m_s**2 + pose.vy_m_s**2 > 1.0)
 
@@ -90,23 +83,23 @@ def test_vehicle_has_one_driver_and_dies_without_drivers(tmp_path: Path) -> None
 
             # silence: the vehicle holds, and its mission is still held
             await send_until(bert, Setpoint(-1.5), truth, lambda pose: pose.vx_m_s**2 + pose.vy_m_s**2 > 1.0)
-            await until(control, lambda state: state.mode is DriveMode.HOLD)
-            await until(truth, lambda pose: pose.vx_m_s**2 + pose.vy_m_s**2 < 0.01)
+            await until_value(control, lambda state: state.mode is DriveMode.HOLD)
+            await until_value(truth, lambda pose: pose.vx_m_s**2 + pose.vy_m_s**2 < 0.01)
             assert mission.value is not None and mission.value.held_by.startswith("bert")
 
             # the safety pilot takes the vehicle from everybody, and the mission continues afterwards
             await anna.request(
                 "sys/sim/switch", SwitchRequest(VehicleMode.MANUAL), SafetySwitch, timeout_s=PATIENCE_S
             )
-            await until(control, lambda state: state.mode is DriveMode.PILOT)
+            await until_value(control, lambda state: state.mode is DriveMode.PILOT)
             with pytest.raises(Denied, match="the safety pilot drives"):
                 await ask(anna, DriveEvent.DRIVE, take=True)
             height_m = truth.value.z_m if truth.value else 0.0
             await anna.request(
                 "sys/sim/switch", SwitchRequest(VehicleMode.AUTO), SafetySwitch, timeout_s=PATIENCE_S
             )
-            await until(mission, lambda state: state.held_by == "")
-            await until(truth, lambda pose: pose.z_m > height_m + 0.5)
+            await until_value(mission, lambda state: state.held_by == "")
+            await until_value(truth, lambda pose: pose.z_m > height_m + 0.5)
 
             # navigator, mission, health and control die at once; the kill needs none of them
             await drivers.kill()
@@ -114,7 +107,7 @@ def test_vehicle_has_one_driver_and_dies_without_drivers(tmp_path: Path) -> None
                 "sys/vehicle/kill", KillRequest("uav1", "test"), VehicleState, timeout_s=PATIENCE_S
             )
             assert not killed.armed
-            await until(truth, lambda pose: pose.vz_m_s < -3.0)
+            await until_value(truth, lambda pose: pose.vz_m_s < -3.0)
 
     with no_leaks(tmp_path / "uav1/run", tmp_path / "uav1/shm"):  # the journal of the killed monitor stays
         asyncio.run(drive())

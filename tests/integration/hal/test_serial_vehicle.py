@@ -2,15 +2,12 @@
 
 import asyncio
 import math
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TypeVar
 
-import msgspec
 import pytest
 from tests.integration.hal.nodes import DRIVERS, pulsed_node
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, until_value
 
 from swarmd.hal.config import Config as HalConfig
 from swarmd.hal.config import (
@@ -25,7 +22,6 @@ from swarmd.sim.config import Config as SimConfig
 from swarmd.sim.config import SerialConfig
 from swarmware.devices.nmea import fix_sentences
 from swarmware.errors import Denied, NoAnswer
-from swarmware.module.board import BoardReader
 from swarmware.module.module import Module
 from swarmware.runtime.pseudo_terminal import PseudoTerminal
 from swarmware.testing.leaks import no_leaks
@@ -38,15 +34,7 @@ from swarmware.types.scalar import Float
 from swarmware.types.tree import TreeEntry, TreeList, TreeListing
 from swarmware.types.vehicle import ArmRequest, BatteryState, GnssFix, Pose, VehicleMode, VehicleState
 
-T = TypeVar("T", bound=msgspec.Struct)
 ARM = "sys/vehicle/arm"
-
-
-async def until(board: BoardReader[T], right: Callable[[T], bool]) -> T:
-    async with asyncio.timeout(PATIENCE_S):
-        while board.value is None or not right(board.value):
-            await board.changed()
-    return board.value
 
 
 def serial_node(root: Path) -> Path:
@@ -75,23 +63,25 @@ def test_vehicle_of_serial_devices_arms_flies_and_lands(tmp_path: Path) -> None:
             truth, pose = m.reader("sim/truth", Pose), m.reader("nav/pose", Pose)
             vehicle = m.reader("vehicle/state", VehicleState)
             drivers = m.reader("hal/drivers", DriverTable)
-            await until(drivers, lambda table: all(one.state == "running" for one in table.drivers))
+            await until_value(drivers, lambda table: all(one.state == "running" for one in table.drivers))
             assert drivers.value is not None
             assert [one.name for one in drivers.value.drivers] == list(DRIVERS)
-            await until(vehicle, lambda state: state == VehicleState(False, True))
-            await until(m.reader("power/battery", BatteryState), lambda battery: battery.voltage_v > 20.0)
-            start = await until(pose, lambda _: True)
+            await until_value(vehicle, lambda state: state == VehicleState(False, True))
+            await until_value(
+                m.reader("power/battery", BatteryState), lambda battery: battery.voltage_v > 20.0
+            )
+            start = await until_value(pose, lambda _: True)
 
             assert (await m.request(ARM, ArmRequest(True), VehicleState, timeout_s=PATIENCE_S)).armed
             goals.write(Goal(1, GoalKind.TAKEOFF, z_m=3.0, speed_m_s=1.5))
-            await until(status, lambda s: s.goal_seq == 1 and s.state == "arrived")
-            assert (await until(m.reader("sensor/height", Float), lambda _: True)).value == pytest.approx(
-                3.0, abs=0.5
-            )
+            await until_value(status, lambda s: s.goal_seq == 1 and s.state == "arrived")
+            assert (
+                await until_value(m.reader("sensor/height", Float), lambda _: True)
+            ).value == pytest.approx(3.0, abs=0.5)
             with pytest.raises(Denied, match="in the air"):
                 await m.request(ARM, ArmRequest(False), VehicleState, timeout_s=PATIENCE_S)
             goals.write(Goal(2, GoalKind.GOTO, start.x_m + 4.0, start.y_m + 3.0, 3.0, speed_m_s=2.0))
-            await until(status, lambda s: s.goal_seq == 2 and s.state == "arrived")
+            await until_value(status, lambda s: s.goal_seq == 2 and s.state == "arrived")
             here = truth.value
             assert here is not None
             assert math.dist((here.x_m, here.y_m), (start.x_m + 4.0, start.y_m + 3.0)) < 0.7
@@ -104,16 +94,16 @@ def test_vehicle_of_serial_devices_arms_flies_and_lands(tmp_path: Path) -> None:
             await m.request(
                 "sys/sim/switch", SwitchRequest(VehicleMode.MANUAL), SafetySwitch, timeout_s=PATIENCE_S
             )
-            await until(control, lambda state: state.mode is DriveMode.PILOT)
+            await until_value(control, lambda state: state.mode is DriveMode.PILOT)
             assert switch.value == SafetySwitch(VehicleMode.MANUAL)
-            await until(vehicle, lambda state: state.mode is VehicleMode.MANUAL)
+            await until_value(vehicle, lambda state: state.mode is VehicleMode.MANUAL)
             await m.request(
                 "sys/sim/switch", SwitchRequest(VehicleMode.AUTO), SafetySwitch, timeout_s=PATIENCE_S
             )
-            await until(vehicle, lambda state: state.mode is VehicleMode.AUTO)
+            await until_value(vehicle, lambda state: state.mode is VehicleMode.AUTO)
 
             goals.write(Goal(3, GoalKind.LAND))
-            await until(status, lambda s: s.goal_seq == 3 and s.state == "arrived")
+            await until_value(status, lambda s: s.goal_seq == 3 and s.state == "arrived")
             assert (await m.request(ARM, ArmRequest(False), VehicleState, timeout_s=PATIENCE_S)).landed
 
     with no_leaks(tmp_path):
@@ -133,21 +123,21 @@ def test_airframe_flies_by_sensor_lines_and_motor_pulses(
         ):
             goals, status = m.writer("nav/goal", Goal), m.reader("nav/status", NavStatus)
             truth, vehicle = m.reader("sim/truth", Pose), m.reader("vehicle/state", VehicleState)
-            await until(m.reader("nav/pose", Pose), lambda _: True)
+            await until_value(m.reader("nav/pose", Pose), lambda _: True)
             async with asyncio.timeout(PATIENCE_S):
                 while vehicle.value is None or not vehicle.value.armed:
                     with suppress(Denied):  # until the attitude is known
                         await m.request(ARM, ArmRequest(True), VehicleState, timeout_s=PATIENCE_S)
             goals.write(Goal(1, GoalKind.TAKEOFF, z_m=3.0, speed_m_s=1.5))
-            await until(status, lambda s: s.goal_seq == 1 and s.state == "arrived")
-            await until(vehicle, lambda state: not state.landed)
+            await until_value(status, lambda s: s.goal_seq == 1 and s.state == "arrived")
+            await until_value(vehicle, lambda state: not state.landed)
             here = truth.value
             assert here is not None
             assert here.z_m == pytest.approx(3.0, abs=0.7)
             goals.write(Goal(2, GoalKind.LAND))
-            await until(status, lambda s: s.goal_seq == 2 and s.state == "arrived")
-            await until(truth, lambda pose: pose.z_m < 0.05)
-            await until(vehicle, lambda state: state.landed)
+            await until_value(status, lambda s: s.goal_seq == 2 and s.state == "arrived")
+            await until_value(truth, lambda pose: pose.z_m < 0.05)
+            await until_value(vehicle, lambda state: state.landed)
             assert not (await m.request(ARM, ArmRequest(False), VehicleState, timeout_s=PATIENCE_S)).armed
             async with asyncio.timeout(PATIENCE_S):
                 while (lines / "pwmchip0/pwm0/duty_cycle").read_text() != "1000000\n":
@@ -162,14 +152,16 @@ def test_unplugged_devices_are_awaited_and_vehicle_arms_again(tmp_path: Path) ->
         config_dir = serial_node(tmp_path)
         async with spawn(config_dir, "hal"), Module("test", config_dir=config_dir) as m:
             drivers = m.reader("hal/drivers", DriverTable)
-            table = await until(drivers, lambda table: all(one.note for one in table.drivers))
+            table = await until_value(drivers, lambda table: all(one.note for one in table.drivers))
             assert all("no such device" in one.note for one in table.drivers)
             for _ in range(2):
                 async with spawn(config_dir, "sim"):
-                    await until(drivers, lambda table: all(one.state == "running" for one in table.drivers))
-                    await until(m.reader("vehicle/state", VehicleState), lambda state: state.landed)
+                    await until_value(
+                        drivers, lambda table: all(one.state == "running" for one in table.drivers)
+                    )
+                    await until_value(m.reader("vehicle/state", VehicleState), lambda state: state.landed)
                     assert (await m.request(ARM, ArmRequest(True), VehicleState, timeout_s=PATIENCE_S)).armed
-                await until(drivers, lambda table: all(one.state == "waiting" for one in table.drivers))
+                await until_value(drivers, lambda table: all(one.state == "waiting" for one in table.drivers))
 
     with no_leaks(tmp_path):
         asyncio.run(replug())

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 from swarmd.timesync.config import Config
 from swarmd.timesync.core.peer import ClockEstimator, Exchange
+from swarmd.timesync.core.time_core import TimeCore
+from swarmware.types.time import TimeFunctions
 
 Delay = Callable[[Random, bool], float]
 
@@ -156,3 +158,14 @@ def simulate(
                 error_ns = abs(peer.conversion.to_remote(now_ns) - there.read_ns(now_s))
                 errors.append((now_s, error_ns / 1e3, error_ns <= peer.conversion.bound_at_ns(now_ns)))
     return Result(errors, first_s, peer, here, there)
+
+
+class Node:
+    """A clock, the core that measures other clocks with it, and the list that the core published last."""
+
+    def __init__(self, name: str, hardware: int, random: Random) -> None:
+        self.name = name
+        self.hardware = hardware
+        self.quartz = Quartz(random, random.uniform(-100, 100), random.uniform(-50e-6, 50e-6))
+        self.core = TimeCore(name, "main", hardware, 1, Config(), first_epoch=0)
+        self.board = TimeFunctions(name, "main", 1, 0)

@@ -6,7 +6,7 @@ from random import Random
 import pytest
 from tests.simulation.timesync.clocks import (
     Delay,
-    Quartz,
+    Node,
     asymmetric,
     lan,
     simulate,
@@ -72,17 +72,6 @@ def test_no_run_without_a_step_sees_one() -> None:
     for delay in (lan, uniform, asymmetric, wifi):
         for seed in range(20, 26):
             assert simulate(delay, seed, length_s=40).peer.steps == 0, f"{delay.__name__} seed {seed}"
-
-
-class Node:
-    """A clock, and the core that measures other clocks with it."""
-
-    def __init__(self, name: str, hardware: int, random: Random) -> None:
-        self.name = name
-        self.hardware = hardware
-        self.quartz = Quartz(random, random.uniform(-100, 100), random.uniform(-50e-6, 50e-6))
-        self.core = TimeCore(name, "main", hardware, 1, Config(), first_epoch=0)
-        self.board = TimeFunctions(name, "main", 1, 0)
 
 
 def test_unmet_units_convert_over_neighbours_within_summed_bounds() -> None:

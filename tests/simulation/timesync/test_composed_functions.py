@@ -5,27 +5,15 @@ from itertools import pairwise
 from random import Random
 
 import pytest
-from tests.simulation.timesync.clocks import Quartz, lan, whole_us
+from tests.simulation.timesync.clocks import Node, lan, whole_us
 
-from swarmd.timesync.config import Config
 from swarmd.timesync.core.peer import Exchange
-from swarmd.timesync.core.time_core import PeerExchange, Publish, TimeCore
-from swarmware.types.time import Conversion, TimeFunctions
+from swarmd.timesync.core.time_core import PeerExchange, Publish
+from swarmware.types.time import Conversion
 
 ASK_S = 10.0
 """As the service does it."""
 TICK_S = 0.2
-
-
-class Node:
-    """A clock, the core that measures others by it, and the list that it published last."""
-
-    def __init__(self, name: str, hardware: int, random: Random) -> None:
-        self.name = name
-        self.hardware = hardware
-        self.quartz = Quartz(random, random.uniform(-100, 100), random.uniform(-50e-6, 50e-6))
-        self.core = TimeCore(name, "main", hardware, 1, Config(), first_epoch=0)
-        self.board = TimeFunctions(name, "main", 1, 0)
 
 
 class Chain:

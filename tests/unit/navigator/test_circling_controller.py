@@ -1,30 +1,21 @@
 """An aircraft that cannot stop: its circle, its speed, its approach, and the navigator that directs it."""
 
 import math
-from pathlib import Path
 
 import msgspec
 import pytest
+from tests.unit.airframes import aerosonde
 
 from swarmd.navigator.config import Config
 from swarmd.navigator.core.circling_controller import CirclingController
 from swarmd.navigator.core.navigator import NavigatorCore
 from swarmd.navigator.core.target import MovingObstacle, Surroundings, Target
 from swarmware.geometry.geodesy import LocalMap, Origin
-from swarmware.model.airframe_file import load_airframe
-from swarmware.model.fixed_wing_airframe import FixedWingAirframe
 from swarmware.types.navigation import Goal, GoalKind, NavError, NavState, NavStatus
 from swarmware.types.vehicle import GnssFix, Imu, Pose, Setpoint, VehicleState
 
-SHARE = Path(__file__).parents[3] / "share/swarm"
 CONFIG, FREE = Config(), Surroundings()
 SPEED = 22.0
-
-
-def aerosonde() -> FixedWingAirframe:
-    found = load_airframe(SHARE, "fixed_wing")
-    assert isinstance(found, FixedWingAirframe)
-    return found
 
 
 AIRCRAFT = aerosonde()

@@ -1,10 +1,10 @@
 """Aerodynamics of the fixed wing: lift, stall, glide, trim, modes, propeller."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.unit.airframes import aerosonde
 
 from swarmd.sim.core.aerodynamics import (
     Deflections,
@@ -14,18 +14,10 @@ from swarmd.sim.core.aerodynamics import (
     propeller,
 )
 from swarmware.geometry.geodesy import GRAVITY_M_S2
-from swarmware.model.airframe_file import load_airframe
-from swarmware.model.fixed_wing_airframe import AIR_DENSITY_KG_M3, FixedWingAirframe
+from swarmware.model.fixed_wing_airframe import AIR_DENSITY_KG_M3
 
-SHARE = Path(__file__).parents[3] / "share/swarm"
 STRAIGHT = Deflections(0.0, 0.0, 0.0)
 STILL = (0.0, 0.0, 0.0)
-
-
-def aerosonde() -> FixedWingAirframe:
-    found = load_airframe(SHARE, "fixed_wing")
-    assert isinstance(found, FixedWingAirframe)
-    return found
 
 
 AIRCRAFT = aerosonde()

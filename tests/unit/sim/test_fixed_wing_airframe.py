@@ -1,28 +1,19 @@
 """The fixed wing as a body: launch from the catapult, touch-down and slide, glide without a motor."""
 
 import math
-from pathlib import Path
 
 import pytest
+from tests.unit.airframes import aerosonde
 
 from swarmd.sim.core.fixed_wing_airframe import FixedWing
 from swarmd.sim.core.flying_body import FlyingBody
 from swarmware.geometry.attitude import Vector, to_euler
-from swarmware.model.airframe_file import load_airframe
-from swarmware.model.fixed_wing_airframe import FixedWingAirframe
 from swarmware.types.chassis import ActuatorOutputs
 from swarmware.types.vehicle import Pose
 
-SHARE = Path(__file__).parents[3] / "share/swarm"
 DT = 0.01
 OPEN = ActuatorOutputs((1.0,), (0.0, -0.3, 0.0))
 CLOSED = ActuatorOutputs((0.0,), (0.0, -0.4, 0.0))
-
-
-def aerosonde() -> FixedWingAirframe:
-    found = load_airframe(SHARE, "fixed_wing")
-    assert isinstance(found, FixedWingAirframe)
-    return found
 
 
 AIRFRAME = aerosonde()

@@ -1,27 +1,17 @@
 """The helicopter's airframe file, its rotors as a model, and its directions in body axes (FLU)."""
 
-from pathlib import Path
-
 import pytest
+from tests.unit.airframes import artis
 from tests.unit.sim.hover import PUBLISHED, R50_RADIUS_M, R50_TIP_M_S, froude, scale
 
 from swarmd.sim.core.helicopter_airframe import HelicopterRotors
 from swarmd.sim.core.rigid_body import RigidBody
 from swarmware.geometry.attitude import Vector
 from swarmware.geometry.geodesy import GRAVITY_M_S2
-from swarmware.model.airframe_file import load_airframe
-from swarmware.model.helicopter_airframe import HelicopterAirframe
 from swarmware.types.chassis import ActuatorOutputs
 
-SHARE = Path(__file__).parents[3] / "share/swarm"
 STILL = (0.0, 0.0, 0.0)
 DT = 0.0025
-
-
-def artis() -> HelicopterAirframe:
-    found = load_airframe(SHARE, "helicopter")
-    assert isinstance(found, HelicopterAirframe)
-    return found
 
 
 AIRFRAME = artis()

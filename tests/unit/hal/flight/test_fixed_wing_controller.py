@@ -1,27 +1,18 @@
 """The controller of a fixed wing: course, airspeed, climb, the bounds of the stall, launch and flare."""
 
 import math
-from pathlib import Path
 
 import pytest
+from tests.unit.airframes import aerosonde
 
 from swarmd.hal.core.flight.fixed_wing_controller import FixedWingController
 from swarmd.hal.core.flight.flight_state import FlightState
 from swarmware.errors import Denied
 from swarmware.geometry.attitude import Vector
-from swarmware.model.airframe_file import load_airframe
-from swarmware.model.fixed_wing_airframe import FixedWingAirframe
 from swarmware.types.chassis import ActuatorOutputs
 from swarmware.types.vehicle import Setpoint
 
-SHARE = Path(__file__).parents[4] / "share/swarm"
 DT = 0.01
-
-
-def aerosonde() -> FixedWingAirframe:
-    found = load_airframe(SHARE, "fixed_wing")
-    assert isinstance(found, FixedWingAirframe)
-    return found
 
 
 AIRFRAME = aerosonde()

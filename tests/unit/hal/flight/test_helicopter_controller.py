@@ -1,29 +1,20 @@
 """The controller of a helicopter: which way its servos move, feed-forward of the disc, limits, gains."""
 
 import math
-from pathlib import Path
 
 import pytest
+from tests.unit.airframes import artis
 
 from swarmd.hal.core.flight.flight_state import FlightState
 from swarmd.hal.core.flight.helicopter_controller import HelicopterController
 from swarmware.errors import Denied
 from swarmware.geometry.attitude import Vector
 from swarmware.geometry.geodesy import GRAVITY_M_S2
-from swarmware.model.airframe_file import load_airframe
-from swarmware.model.helicopter_airframe import HelicopterAirframe
 from swarmware.types.vehicle import Setpoint
 
-SHARE = Path(__file__).parents[4] / "share/swarm"
 DT = 0.01
 STILL = (0.0, 0.0, 0.0)
 HOVER, UP = Setpoint(0.0), Setpoint(0.0, 0.0, 1.0)
-
-
-def artis() -> HelicopterAirframe:
-    found = load_airframe(SHARE, "helicopter")
-    assert isinstance(found, HelicopterAirframe)
-    return found
 
 
 AIRFRAME = artis()
