@@ -11,6 +11,9 @@ SITE ?= share/doc/site
 # tests with whole vehicles, which fly in real time; in this order, so that short ones are the last
 LABS := $(patsubst %,tests/integration/%,cli documentation lab swarm)
 
+# tests that compute wait now and then for a process: with one worker more than cores, unit tests take a tenth less
+WORKERS := $(shell expr $$(nproc) + 1)
+
 # packages of decisions, whose coverage is measured
 CORES = $(shell find lib daemons cli -type d -name core | sort)
 comma := ,
@@ -21,8 +24,8 @@ space := $(subst ,, )
 lab: $(VENV)/.lab ## 16 nodes fly a formation; prints the table, writes $(REPORT)/
 	$(BIN)/swarmctl lab run formation $(LAB_ARGS) --out $(REPORT)
 
-test: $(VENV)/.test ## all tests; those that compute one per core, those that wait seven at a time, labs four at a time
-	$(RUN) pytest -q -n auto --dist worksteal tests/simulation tests/architecture tests/unit
+test: $(VENV)/.test ## all tests; those that compute one per core and one more, those that wait seven at a time, labs four at a time
+	$(RUN) pytest -q -n $(WORKERS) --dist worksteal tests/simulation tests/architecture tests/unit
 	$(RUN) pytest -q -n 7 --dist loadfile $(LABS:%=--ignore=%) tests/integration
 	$(RUN) pytest -q -n 4 --dist loadfile --no-loadscope-reorder $(LABS)
 
@@ -48,7 +51,7 @@ check: $(VENV)/.test ## the fast part: lint, unit and architecture tests; types 
 	@$(MAKE) --no-print-directory -j2 lint quick
 
 quick: $(VENV)/.test # the tests of check alone
-	$(RUN) pytest -q -n auto --dist worksteal tests/architecture tests/unit
+	$(RUN) pytest -q -n $(WORKERS) --dist worksteal tests/architecture tests/unit
 
 hooks: $(VENV)/.test ## git runs the quick checks before each commit (.pre-commit-config.yaml)
 	$(BIN)/pre-commit install
