@@ -5,29 +5,26 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Self
+from typing import Final, Self
 
 import msgspec
 
 from swarmware.errors import NotFound, SwarmError, reason
 from swarmware.health.held_condition import HeldCondition
+from swarmware.health.monitor import HealthMonitor
 from swarmware.module.module import Module
+from swarmware.node.node import Node
+from swarmware.node.run_files import Damage
 from swarmware.runtime.backoff import RestartPolicy
 from swarmware.service.installed import find, load_config
 from swarmware.service.live_config import overridden
 from swarmware.service.realtime import give_realtime
+from swarmware.service.service import Service
 from swarmware.service.status import Reporter, beat
 from swarmware.types.health import OK_STATE
 from swarmware.types.system import AppState
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from swarmware.health.monitor import HealthMonitor
-    from swarmware.node.node import Node
-    from swarmware.node.run_files import Damage
-    from swarmware.service.service import Service
 
 BACKOFF_S: Final = (0.0, 0.1, 0.5, 1.0, 2.0, 5.0)
 """Pause before the n-th restart in a row of a service that fails at its start; the last one from then on."""

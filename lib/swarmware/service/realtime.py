@@ -7,12 +7,10 @@ import errno
 import logging
 import os
 import resource
-from typing import TYPE_CHECKING, Final
+from collections.abc import Sequence
+from typing import Final
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from swarmware.model.config import RealtimeConfig
+from swarmware.model.config import RealtimeConfig
 
 POLICIES: Final = {"fifo": os.SCHED_FIFO, "rr": os.SCHED_RR}
 

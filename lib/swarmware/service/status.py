@@ -5,21 +5,18 @@ from __future__ import annotations
 import logging
 import os
 import time
-from typing import TYPE_CHECKING, Final, NamedTuple
+from collections.abc import Callable, Iterable
+from typing import Final, NamedTuple
 
 import msgspec
 
 from swarmware.errors import SwarmError
 from swarmware.model import paths
+from swarmware.model.clock import Clock
+from swarmware.module.module import Module
 from swarmware.module.ticker import Lateness, Ticker
+from swarmware.module.writer import BoardWriter
 from swarmware.types.system import AppState, AppStatus
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-    from swarmware.model.clock import Clock
-    from swarmware.module.module import Module
-    from swarmware.module.writer import BoardWriter
 
 PERIOD_S: Final = 1.0
 SLOW_S: Final = 0.05
