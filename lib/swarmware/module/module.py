@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, Self, TypeVar, overload
+from typing import Any, Final, Literal, Self, TypeVar, overload
 
 import msgspec
 
@@ -20,10 +20,8 @@ from swarmware.module.streamwriter import STREAM_SLOT_BYTES, STREAM_SLOTS, Strea
 from swarmware.module.writer import BOARD_SLOT_BYTES, BOARD_SLOTS, BoardWriter
 from swarmware.node.node import Node
 from swarmware.types import registry
+from swarmware.types.net import Denial
 from swarmware.types.rpc import Empty, StreamSnapshot
-
-if TYPE_CHECKING:
-    from swarmware.types.net import Denial
 
 DENIED: Final = "sys/tree/denied"
 """Where the tree takes the denials of the other processes of its node."""
@@ -62,7 +60,7 @@ class Module(Client):
         self.node.callers.add_listener(self._report_denial)
         return self
 
-    def _report_denial(self, denial: "Denial") -> None:
+    def _report_denial(self, denial: Denial) -> None:
         """Gives the tree, which has the audit of the node, a denial of this process."""
         self.start(self.send(DENIED, denial), "denial")
 

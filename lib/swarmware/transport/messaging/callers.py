@@ -5,17 +5,15 @@ import logging
 import os
 import pwd
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from swarmware.errors import Denied
 from swarmware.model.access import Role, Sender, Verb
 from swarmware.model.access_rules import AccessRules
 from swarmware.model.acl import OperatorEntry
 from swarmware.transport.delivery.sender import Caller
-
-if TYPE_CHECKING:
-    from swarmware.transport.security.denial_reporter import DenialReporter
-    from swarmware.types.net import Denial
+from swarmware.transport.security.denial_reporter import DenialReporter
+from swarmware.types.net import Denial
 
 NAME_LIMIT: Final = 31
 """Maximum bytes of a caller's name, as of a platform's."""
@@ -67,26 +65,22 @@ class Callers:
             self._report(caller, path, str(error), now_ns)
             raise
 
-    def add_listener(self, listener: "Callable[[Denial], None]") -> None:
+    def add_listener(self, listener: Callable[[Denial], None]) -> None:
         """Add a function for the reports of denials; only the first of several is called."""
         self._listeners[listener] = None
 
-    def remove_listener(self, listener: "Callable[[Denial], None]") -> None:
+    def remove_listener(self, listener: Callable[[Denial], None]) -> None:
         """Remove a function that `add_listener` added."""
         self._listeners.pop(listener, None)
 
     def _report(self, caller: Caller, path: str, reason: str, now_ns: int) -> None:
-        # imported here, because only a process that denies needs it
-        from swarmware.transport.security.denial_reporter import DenialReporter
-        from swarmware.types.net import Denial
-
         if self._reporter is None:
             self._reporter = DenialReporter(self._on_report)
         role = caller.role.name.lower()
         denial = Denial(self._platform, role, str(Verb.CALL), path, 1, reason, caller.name)
         self._reporter.on_denial(denial, now_ns)
 
-    def _on_report(self, report: "Denial") -> None:
+    def _on_report(self, report: Denial) -> None:
         log.warning("denied: %s (%d since the last message)", report.reason, report.count)
         if self._listeners:
             next(iter(self._listeners))(report)
