@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from typing import Any, TypeVar
 
 import msgspec
-from tests.unit.cli.fake_client import FakeClient
 
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.session.session import Session
 from swarmctl.terminal.output import Output
 from swarmware.errors import NotFound, SwarmError
 from swarmware.model.resource import Kind
+from swarmware.testing.client import FakeClient
 from swarmware.types.mission import OrderReceipt
 from swarmware.types.net import Routes, RouteState
 from swarmware.types.tree import (

@@ -5,13 +5,13 @@ from typing import Any
 import click
 import msgspec
 import pytest
-from tests.unit.cli.fake_client import FakeClient
 from tests.unit.cli.session import LIST, ScriptedSession
 
 from swarmctl.commands.call.request import call_resource
 from swarmctl.resources.entering import entered
 from swarmware.errors import Denied, InvalidInput, NoAnswer, NotFound, OutOfRange, SwarmError, TypeMismatch
 from swarmware.model.resource import Kind
+from swarmware.testing.client import FakeClient
 from swarmware.transport.delivery.outcome import Outcome, Status
 from swarmware.types.described import class_of
 from swarmware.types.description import FieldDescription, StructDescription, TypeDescription

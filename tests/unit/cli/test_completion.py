@@ -9,7 +9,6 @@ from typing import Literal
 
 import msgspec
 import pytest
-from tests.unit.cli.fake_client import FakeClient
 
 from swarmctl.commandline import completion_cache, word_cache
 from swarmctl.commandline.completion_cache import CachedResource, steps
@@ -18,6 +17,7 @@ from swarmctl.resources.listing import described_fields
 from swarmctl.session.session import Session
 from swarmctl.terminal.output import Output
 from swarmware import __version__
+from swarmware.testing.client import FakeClient
 from swarmware.transport.appfile.file import AppFile
 from swarmware.types.description import describe
 from swarmware.types.field_values import DEPTH, field_values

@@ -8,7 +8,6 @@ import click
 import msgspec
 import pytest
 from click.testing import CliRunner
-from tests.unit.cli.fake_client import FakeClient
 from tests.unit.cli.session import ScriptedSession
 from tests.unit.cli.sights import DOWN, UP, sight
 
@@ -22,6 +21,7 @@ from swarmctl.vehicles import manoeuvre
 from swarmctl.vehicles.snapshot import VehicleSnapshot, arrived_at, risen_to
 from swarmware.errors import Denied, InvalidInput, NoAnswer, Partial
 from swarmware.model.platform_kind import PlatformKind
+from swarmware.testing.client import FakeClient
 from swarmware.transport.delivery.outcome import Outcome
 from swarmware.types.control import ControlState, DriveEvent, DriveMode, DriveRequest
 from swarmware.types.mission import ManoeuvreRequest

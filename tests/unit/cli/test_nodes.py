@@ -20,7 +20,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.patience import PATIENCE_S
-from tests.unit.cli.fake_client import FakeClient
 from tests.unit.cli.session import ScriptedSession
 
 from swarmctl.commandline import completion, completion_cache
@@ -36,6 +35,7 @@ from swarmctl.terminal.table import Column
 from swarmware.errors import Denied, InvalidInput, NoAnswer, NotFound, Partial, SwarmError
 from swarmware.model import names
 from swarmware.model.platform_kind import PlatformKind
+from swarmware.testing.client import FakeClient
 from swarmware.types.tree import TreeListing
 
 KNOWN = ("gcs", "uav1", "uav2", "uav10", "ugv1")

@@ -9,7 +9,6 @@ from weakref import WeakKeyDictionary
 import click
 import msgspec
 import pytest
-from tests.unit.cli.fake_client import FakeClient
 from tests.unit.cli.session import LIST, ScriptedSession
 
 from swarmctl.commands.pub import publishing
@@ -18,6 +17,7 @@ from swarmctl.session.session import NAME
 from swarmware.errors import Conflict, Denied, InvalidInput, NotFound, OutOfRange, SwarmError, TypeMismatch
 from swarmware.model.resource import Kind, Resource
 from swarmware.node.node import Node
+from swarmware.testing.client import FakeClient
 from swarmware.types.description import FieldDescription, StructDescription, TypeDescription
 from swarmware.types.navigation import Goal, GoalKind
 from swarmware.types.scalar import Float, Int, Text

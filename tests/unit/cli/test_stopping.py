@@ -7,7 +7,6 @@ import command_schemas
 import jsonschema
 import msgspec
 import pytest
-from tests.unit.cli.fake_client import FakeClient
 from tests.unit.cli.session import GET, ScriptedSession
 
 from swarmctl.commandline import completion, completion_cache
@@ -15,6 +14,7 @@ from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.app import stopping
 from swarmctl.commands.app.listing import list_applications
 from swarmware.errors import Denied, NoAnswer, NotFound
+from swarmware.testing.client import FakeClient
 from swarmware.types import registry
 from swarmware.types.health import GuardStatus, ServiceState, SupervisorKind, WatchedService
 from swarmware.types.register import Application, ApplicationTable, KnownUnit, Register

@@ -9,7 +9,6 @@ from typing import Any, cast
 import click
 import msgspec
 import pytest
-from tests.unit.cli.fake_client import FakeClient
 
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.app.listing import list_applications
@@ -34,6 +33,7 @@ from swarmctl.terminal.output import Output
 from swarmctl.terminal.table import Column, fitted_table
 from swarmctl.terminal.wrapping import atoms, fitted_text
 from swarmware.model.names import check_platform
+from swarmware.testing.client import FakeClient
 from swarmware.testing.virtual import VirtualClock, VirtualTime
 from swarmware.transport.enrolment.inviter import Invitation
 from swarmware.transport.enrolment.token import JoinToken

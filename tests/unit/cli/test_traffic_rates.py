@@ -5,7 +5,6 @@ from typing import Any, cast
 
 import msgspec
 import pytest
-from tests.unit.cli.fake_client import FakeClient
 from tests.unit.cli.session import R, ScriptedSession
 
 from swarmctl.commands.traffic import top
@@ -13,6 +12,7 @@ from swarmctl.commands.traffic.command import SORT_KEYS
 from swarmctl.commands.traffic.limited import LimitedChannel, limited
 from swarmctl.commands.traffic.rates import ChannelRates, LinkRates, rates
 from swarmware.errors import NotFound
+from swarmware.testing.client import FakeClient
 from swarmware.testing.virtual import VirtualClock, VirtualTime
 from swarmware.types.channel import RATE_MAX_HZ, ChannelSettings, ChannelState, ChannelStates
 from swarmware.types.net import LinkTransport

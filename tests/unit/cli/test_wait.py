@@ -7,7 +7,6 @@ from typing import Any
 
 import msgspec
 import pytest
-from tests.unit.cli.fake_client import FakeClient
 from tests.unit.cli.session import COPY, GET, LIST, ScriptedSession
 
 from swarmctl.commands.wait.condition_watch import ConditionWatch
@@ -15,6 +14,7 @@ from swarmctl.commands.wait.waiting import wait_until
 from swarmware.errors import InvalidInput, MissionError, NoAnswer, NotFound, SwarmError
 from swarmware.model.frame import Frame, FrameKind
 from swarmware.model.resource import Kind
+from swarmware.testing.client import FakeClient
 from swarmware.types import registry
 from swarmware.types.described import class_of
 from swarmware.types.description import FieldDescription, StructDescription, TypeDescription
