@@ -187,6 +187,8 @@ WITHOUT_NODES = {
 }
 OF_ONE_NODE = {
     "file get": "writes one file here",
+    "mission cancel": "names a run, which may have members anywhere",
+    "mission prioritize": "names a run, which may have members anywhere",
     "mission start": "acts through one ground station; --member selects vehicles",
     "pub": "publishes on the joined node",
     "video rate": "a session of one node",
