@@ -44,6 +44,7 @@ def revoke(out: Output, root_dir: Path | None, platforms: tuple[str, ...], *, ye
     folder = RootFolder(root_dir)
     root = current_root(out, folder)
     node = local_member(out, root)
+    # a revoked node is not trusted by the others any more, so the roster would not reach them
     if node is not None and node.platform in platforms:
         raise InvalidInput(
             f"{node.platform}: the node on this computer hands the roster on; expected the revocation from"

@@ -121,6 +121,7 @@ def parse_hosts(text: str, path: Path) -> list[FleetHost]:
     source = str(path)
     raw = document.toml(text, source)
     file = convert(raw, FleetFile, source, text)
+    # a decoded entry does not distinguish a missing key from a repeated built-in default
     given = [frozenset(map(str, one)) for one in raw["hosts"]]
     found = [
         _whole(file.defaults, *pair, path.absolute().parent) for pair in zip(file.hosts, given, strict=True)
@@ -160,6 +161,7 @@ def _contradictions(file: FleetFile, whole: list[FleetHost]) -> Iterator[tuple[K
         other = places.setdefault((host.address, host.keys.port, host.keys.config_dir), one.name)
         if other != one.name:
             yield (*here, "address"), f"the same host and config_dir as {other!r}; expected another"
+        # `FleetHost.node` sets this key, so a given value would be ignored
         if "platform" in host.keys.node:
             table: KeyPath = (*here, "node") if "platform" in one.node else ("defaults", "node")
             yield (*table, "platform"), "is the name of the host; expected to be left out"
@@ -168,8 +170,10 @@ def _contradictions(file: FleetFile, whole: list[FleetHost]) -> Iterator[tuple[K
         except msgspec.ValidationError as error:
             found = explain(str(error), host.node, NodeConfig)
             inside = found.path
+            # a check between keys has no path, only the name of a key in its message
             if not inside and (named := _NAMED.match(found.error)):
                 inside = (named[1],)
+            # the error is shown where the operator wrote the key: at the host or in the defaults
             own = not inside or inside[0] in one.node
             yield (*(here if own else ("defaults",)), "node", *inside), _NAMED.sub("", found.error)
 

@@ -34,6 +34,7 @@ def add_host(path: Path, name: str, address: str, node: dict[str, str]) -> bool:
         before = ""
     known = _names(before, path)
     if name in known:
+        # the same call again is not an error, so that an interrupted addition can be repeated
         if known[name] == address:
             return False
         raise Conflict(f"{path}: host {name!r} has address {known[name]}; expected it, or another name")
@@ -89,6 +90,7 @@ def _parts(text: str, hosts: list[str]) -> Iterator[tuple[str, str]]:
     number, part, host = -1, "", ""
     for line in text.splitlines(keepends=True):
         header = _HEADER.fullmatch(line)
+        # `[hosts.node]` belongs to the entry above it, any other table ends the entry
         if header is not None and not header["name"].startswith("hosts."):
             yield part, host
             part = ""

@@ -65,6 +65,7 @@ def invite_nodes(out: Output, root_dir: Path | None, plan: InvitationPlan) -> No
     Raises: NotFound without a root; InvalidInput for a name, role or time; Partial when some invitations
     expired, NoAnswer when all did; Conflict, Denied, OSError.
     """
+    # before anything is read or locked: a typing error should not depend on the state of the root
     check_plan(plan)
     folder = RootFolder(root_dir)
     root = current_root(out, folder)
@@ -99,6 +100,7 @@ class _Admission:
         self._out = out
         self._folder = folder
         host, port = host_and_port(plan.address) if plan.address else ("", 0)
+        # bound before the tokens are made, because they contain the port that was free
         self._bound = listening_socket(port)
         hosts, port = (host,) if host else own_addresses(), self._bound.getsockname()[1]
         now_ns, utc_s = time.monotonic_ns(), utc_ns() // 1_000_000_000
@@ -124,6 +126,7 @@ class _Admission:
 
         Raises: Partial when some expired, NoAnswer when all did.
         """
+        # recorded before the first connection, so that a later inviter knows these tokens even after a kill
         self._folder.record(*self._invitations)
         listener = JoinListener(self._permit, self._answer, self._take_receipt)
         async with asyncio.TaskGroup() as tasks:

@@ -74,12 +74,14 @@ def join(out: Output, text: str, file: Path | None, *, replace: bool) -> None:
 
 def _enter_seed(out: Output, node: NodeKeys, credentials: Credentials) -> str:
     """Enters the inviter's broker as a seed and returns it, or "" if the broker has no fixed port."""
+    # without a fixed port there is nothing to enter, and seeds are IPv4 addresses
     if not credentials.broker_port or ":" in credentials.inviter:
         return ""
     seed = f"{credentials.inviter}:{credentials.broker_port}"
     try:
         add_seed(node, seed)
     except (ConfigError, OSError) as error:
+        # not an error: the identity is written, and multicast finds the neighbours on the same network
         out.warn(f"seed {seed} could not be entered: {error}")
         return ""
     return seed
@@ -189,6 +191,7 @@ async def _ask(
             attempt.cancel()
         await asyncio.gather(*attempts, return_exceptions=True)
     if unsigned is not None:
+        # the refusal keeps its class, on which the exit code depends
         raise type(unsigned)("; ".join(reasons))
     raise NoAnswer(
         f"no inviter answers on TCP port {token.port}: {'; '.join(reasons)}; expected"

@@ -121,6 +121,7 @@ async def read(
         found.quality,
         found.owner,
         found.source,
+        # by the age: the owner's stamp is on its own clock, which does not run in UTC
         None if found.age_s is None else utc_ns() - round(found.age_s * 1e9),
         found.measured_hz,
         {name: angles._asdict() for name, angles in attitudes(value).items()},
@@ -160,6 +161,7 @@ async def write(session: Session, path: str, text: str, version: int | None = No
 
 async def _ask_owner(session: Session, verb: str, path: str, request: msgspec.Struct) -> TreeSetDone:
     """Asks the platform of a resource for a change, which it grants by the rights of this session."""
+    # to the owner itself, since mirrors are read-only
     platform = split(path)[0] or session.here
     return await session.ask(join(platform, paths.tree_request(verb)), request, TreeSetDone, about=path)
 
@@ -232,6 +234,7 @@ async def find_entry(session: Session, path: str) -> TreeEntry | None:
     try:
         return await _listed(session, platform, full)
     except (NotFound, NoAnswer):
+        # not raised: a caller that waits for a resource must also wait for its platform
         return None  # its platform is not known yet, or has no route
 
 

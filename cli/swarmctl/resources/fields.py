@@ -36,9 +36,11 @@ def angles_of(x: float, y: float, z: float, w: float) -> Angles | None:
         return None
     x, y, z, w = x / length, y / length, z / length, w / length
     sine = 2 * (w * y - z * x)
+    # rounding may exceed 1, for which asin raises
     rise = max(-1.0, min(1.0, sine))
     pitch = math.asin(rise)
     if abs(rise) > VERTICAL:
+        # only the sum or difference of roll and yaw is determined here, and the yaw gets all of it
         return _rounded(0.0, pitch, -math.copysign(2 * math.atan2(x, w), rise))
     roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
@@ -46,6 +48,7 @@ def angles_of(x: float, y: float, z: float, w: float) -> Angles | None:
 
 
 def _rounded(*angles: float) -> Angles:
+    # adding 0.0 turns -0.0 into 0.0
     return Angles(*(round(math.degrees(angle), 3) + 0.0 for angle in angles))
 
 
@@ -56,6 +59,7 @@ def attitudes(value: Any) -> dict[str, Angles]:
     for name in flat:
         for end in ("qx", "x"):
             head = name.removesuffix(end)
+            # a plain `x` counts only as the field of a nested value: `max` also ends in x
             if head == name or (end == "x" and not head.endswith(".")):
                 continue
             parts = [flat.get(f"{head}{end[:-1]}{axis}") for axis in QUATERNION]

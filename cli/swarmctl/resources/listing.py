@@ -79,6 +79,7 @@ def _as_owned(entry: TreeEntry, known: TreeEntry | None) -> TreeEntry:
     """An entry with the age, quality, rates and rule that its owner reports."""
     if known is None:
         return entry
+    # a resource without a value at its owner keeps what this node has; only the rule is certain there
     if known.age_s is None:
         return msgspec.structs.replace(entry, rule=known.rule)
     return msgspec.structs.replace(
@@ -153,6 +154,7 @@ async def pages(session: Session, pattern: str, platform: str = "") -> TreeListi
 
 def _remember(session: Session, pattern: str, entries: list[TreeEntry], platforms: list[str]) -> None:
     """Stores the list for completion; a complete list of a platform replaces the former one."""
+    # the list of a single path is a look-up, not worth a write of the cache
     if len(entries) < 2:
         return
     seen = [CachedResource(entry.path, entry.kind, entry.access) for entry in entries]

@@ -41,6 +41,7 @@ class OwnerCounters:
         found = {}
         for path, last in (await self._read()).items():
             first = self._first.get(path)
+            # a counter that fell belongs to a restarted owner, whose two readings have no common rate
             if first is not None and last.sequence > first.sequence and last.stamp_ns > first.stamp_ns:
                 found[path] = (last.sequence - first.sequence) / ((last.stamp_ns - first.stamp_ns) / 1e9)
         return found

@@ -27,6 +27,7 @@ async def platform_health(
     units: dict[str, set[str]] = {}
     for route in (await session.routes()).routes:
         units.setdefault(route.platform, set()).add(route.unit)
+    # no route leads to the computer itself
     own = session.module.node.address
     units.setdefault(own.platform, set()).add(own.unit)
     several = {name: sorted(units[name]) for name in asked if len(units.get(name, ())) > 1}
@@ -37,6 +38,7 @@ async def platform_health(
     )
     for name, found in several.items():
         answers = {unit: of_computers.get(Address(name, unit).path) for unit in found}
+        # a single computer that answers shows that the platform exists; the silent ones become its faults
         if any(answers.values()):
             states[name] = merged(answers)
         else:
@@ -62,6 +64,7 @@ def merged(units: Mapping[str, HealthState | None]) -> HealthState:
         battery=charged.battery,
         battery_ratio=charged.battery_ratio,
         sensors={path: good for state in states.values() for path, good in state.sensors.items()},
+        # lost computers are first, so the cut never hides them
         faults=faults[:FAULTS_SHOWN],
         fault_count=len(lost) + sum(state.fault_count for state in states.values()),
         checks=sum(state.checks for state in states.values()),

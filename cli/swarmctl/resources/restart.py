@@ -46,6 +46,7 @@ async def restart(
             f"expected one of {', '.join(known)}"
         )
     chosen = list(wanted) or known
+    # asked before the confirmation, whose text depends on it
     armed = await is_armed(session)
     if armed and not force and not GROUNDED.issuperset(chosen):
         flies = ", ".join(name for name in chosen if name not in GROUNDED)
@@ -54,6 +55,7 @@ async def restart(
     await session.confirm(yes, f"restart {', '.join(chosen)}{air}: interrupted until they run again")
     if platform == session.here:
         await session.others_ended()  # they are reached through the services of this node
+    # one after the other, so that a service that does not return stops the rest from being restarted
     done = [await restart_one(session, platform, name, wait_s) for name in chosen]
     if session.settings.structured:
         session.out.document(RestartedServices(platform, done))
@@ -77,6 +79,7 @@ async def restart_one(session: Session, platform: str, name: str, wait_s: float)
     Raises: NoAnswer when it does not run again in time, or the guard does not answer.
     """
     status = names.join(platform, "sys/guard/status")
+    # the count before the order distinguishes the restart from a process that was running already
     before = _watched(await session.ask(status, Empty(), GuardStatus), name)
     await session.ask(names.join(platform, "sys/guard/restart"), RestartOrder(name), GuardStatus)
     try:

@@ -93,6 +93,7 @@ class ValueSubscription:
         self, entry: TreeEntry, payload: type[msgspec.Struct] | None, reader: FrameReader
     ) -> None:
         module = self._session.module
+        # a stream begins after the subscription, a board with the value that it had before
         arrived, newest_ns = reader.every, 0
         async for frame in reader:
             now_ns = module.now_ns()
@@ -102,6 +103,7 @@ class ValueSubscription:
                 conversion = module.remote_clocks.conversion(frame.sender_hw)
                 local_ns = None if conversion is None else conversion.to_local(frame.stamp_ns)
                 bound_s = None if conversion is None else conversion.bound_at_ns(now_ns) / 1e9
+            # the history of a board fills gaps after a loss, so older values may follow newer ones
             late = reader.history and frame.stamp_ns < newest_ns
             newest_ns = max(newest_ns, frame.stamp_ns)
             await self._news.put(

@@ -27,6 +27,7 @@ async def undo_resource(session: Session, path: str, *, yes: bool) -> None:
     """
     full = session.path(path)
     await confirm_change(session, full, f"undo the last change of {names.split(full)[1]}", yes=yes)
+    # from the owner: a mirror may still have the value before the change that is undone
     before = await read(session, full, fresh=True)
     done = await undo(session, full)
     if session.settings.structured:

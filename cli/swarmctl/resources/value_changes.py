@@ -37,6 +37,7 @@ def check(file: str, key: str, entry: TreeEntry, value: Any) -> None:
     Raises: InvalidInput naming file, key and the expected value.
     """
     types = PYTHON_TYPES.get(entry.type)
+    # a bool is an int in Python, but not a number in a file
     if types is not None and (not isinstance(value, types) or isinstance(value, bool) != (bool in types)):
         raise InvalidInput(f"{file}: {key}: {value!r}; expected a value of type {entry.type}")
     if entry.range is not None and not entry.range[0] <= value <= entry.range[1]:
@@ -56,10 +57,13 @@ async def set_all(session: Session, changes: Iterable[ValueChange]) -> None:
     for change in changes:
         try:
             written = await _set(session, change.path, change.after)
+            # before the check of its application: an unconfirmed value is stored, so it must be undone as
+            # well
             done.append(change)
             written.check_applied()
         except SwarmError as error:
             left = []
+            # backwards, so that a path that is named twice ends with its first value
             for earlier in reversed(done):
                 try:
                     await _set(session, earlier.path, earlier.before)

@@ -29,6 +29,7 @@ def decoded(cls: type[msgspec.Struct] | None, data: bytes | memoryview, codec: C
 def single(value: msgspec.Struct) -> Any:
     """A value as plain data, or the bare value of a Struct with a single field."""
     found = plain(value)
+    # the scalar types (Float, Text …) are Structs with the one field `value`
     return found["value"] if isinstance(found, dict) and found.keys() == {"value"} else found
 
 

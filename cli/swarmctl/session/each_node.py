@@ -61,6 +61,7 @@ async def at_each(
         for name in nodes
         if isinstance(errors.get(name), ResourceAbsent) and not selection.has_name(name)
     ]
+    # if all lack the resource, the path is probably mistyped, and each error is shown
     if absent and len(absent) < len(nodes):
         nodes = [name for name in nodes if name not in absent]
         outputs = {name: outputs[name] for name in nodes}

@@ -176,7 +176,9 @@ def labs_folder() -> Path:
     """
     folder = Path(os.environ.get("SWARMCTL_LABS") or default_folder())
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    # lstat: a link of another user in /tmp must not lead elsewhere
     found = folder.lstat()
+    # commands join and signal what the state files name, so no other user may place one here
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
         raise Denied(f"folder of the labs ({folder}): expected a directory that only you can write to")
     return folder
@@ -217,6 +219,7 @@ def labs() -> list[LabState]:
 def running_labs() -> list[LabState]:
     """All labs of this user with a running process, in any folder of labs."""
     found = []
+    # by the environment of processes: a folder chosen by SWARMCTL_LABS is not known to later commands
     for mark in sorted(marks()):
         try:
             found.append(load(Path(mark)))

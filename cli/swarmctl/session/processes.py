@@ -83,6 +83,7 @@ def _marks(variable: str) -> Iterator[tuple[ProcessIdentity, str]]:
             mark = psutil.Process(pid).environ().get(variable)
         except psutil.Error:
             continue  # it has ended, or is another user's
+        # the pid may have been used again since its environment was read
         if mark is not None and (process := identity(pid)).alive():
             yield process, mark
 
@@ -124,6 +125,7 @@ def end(first: Iterable[ProcessIdentity], mark: str, *, grace_s: float = 8.0) ->
     for process in rest:
         process.send(signal.SIGTERM)
     wait_gone(rest, 2.0 if rest else 0.0)
+    # nodes as well: a process whose environment cannot be read any more carries no mark
     forced = {*marked(mark), *(process for process in nodes if process.alive())}
     for process in forced:
         process.send(signal.SIGKILL)

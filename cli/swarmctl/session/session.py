@@ -53,6 +53,7 @@ class Session:
 
     def at(self, platform: str, out: Output, joint: JointConfirmation) -> Self:
         """This session for one of the selected nodes, which share one confirmation."""
+        # a shallow copy, so that routes and types which one node has requested serve the next
         one = copy(self)
         one.settings = self.settings._replace(node=platform)
         one.selection = NodeSelection(platform)
@@ -137,6 +138,7 @@ class Session:
             raise NoAnswer(f"{about or full}: {platform} does not answer ({error})") from error
         except NotFound as error:
             service = names.split(full)[1].removeprefix("sys/").partition("/")[0]
+            # for other services absence is a fault of the node, which a hint to node.toml would hide
             if ABSENT not in str(error) or service not in OPTIONAL_SERVICES:
                 raise
             text = f"{platform}: the service `{service}` does not run there; expected it in node.toml"
@@ -199,8 +201,11 @@ class Session:
     async def known(self) -> tuple[str, ...]:
         """All platforms whose tree is known here, even if unreachable; empty without a tree service."""
         if not self._known:
+            # every list names the known platforms, so a pattern without a match is enough
             path, nothing = names.join(self.here, "sys/tree/list"), TreeList(f"/{self.here}/none", 1)
             try:
+                # a local answer takes milliseconds; a longer wait would delay every command on a node
+                # without a tree
                 found = await self.module.request(path, nothing, TreeListing, timeout_s=1.0)
             except SwarmError:
                 return ()
@@ -236,6 +241,7 @@ def local_config_dirs(settings: CliSettings) -> dict[str, Path]:
     from swarmctl.session import labs
 
     joined = config_dir(settings)
+    # `--config` selects a node by itself, even if it is a lab's
     lab = labs.of_station(joined) if settings.config_dir is None else None
     if lab is None:
         known = {load_node(joined).platform: joined}

@@ -32,6 +32,7 @@ class Progress:
             TimeElapsedColumn(),
             TextColumn("{task.fields[note]}"),
             console=Console(stderr=True, no_color=not self._out.colors),
+            # the bar disappears, so that only results remain in the scroll-back
             transient=True,
         )
         self._bar.start()

@@ -42,6 +42,8 @@ def spoken(span: float) -> str:
 
 def utc_text(instant_utc_ns: int) -> str:
     """An instant in UTC to the millisecond: 2026-11-22T16:05:37.123Z."""
+    # cut to milliseconds in integers: a float of nanoseconds since 1970 is exact to 256 ns only, and rounds
+    # up
     moment = datetime.fromtimestamp(instant_utc_ns // 1_000_000 / 1000, UTC)
     return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 

@@ -25,6 +25,7 @@ def _given(variable: str) -> int:
 
 def _size() -> os.terminal_size:
     try:
+        # `sys.__stdout__`: a test or a pager may have replaced `sys.stdout`
         return os.get_terminal_size(sys.__stdout__.fileno() if sys.__stdout__ else 1)
     except (OSError, ValueError):
         return _WITHOUT

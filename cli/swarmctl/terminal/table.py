@@ -95,6 +95,7 @@ def fitted_table(
             widths = _narrowed(widths, _widest(columns, cells, places, parts), width)
     if width is not None and _total(widths) > width:
         records = _records(columns, cells, width)
+        # records that are too wide as well would lose the columns for nothing
         if all(len(line) <= width for line in records.rows):
             return records
     kept = [columns[place] for place in places]
@@ -145,6 +146,7 @@ def _unwrapped(
     """Widths without wrapping a cell; headers are wrapped where `width` requires it."""
     if width is None:
         return [
+            # the 0 is a second argument for `max` when no cell is left
             max(len(columns[place].name), *(len(row[place]) for row in cells if len(row[place]) <= PADDED), 0)
             for place in places
         ]

@@ -43,6 +43,7 @@ def fitted_text(text: str, width: int | None) -> str:
             lines.append(line)
             continue
         label = _LABEL.match(line)
+        # a wider label would leave too little room for the text beside it
         head = label[0] if label and len(label[0]) <= width // 3 else ""
         blanks = line[: len(line) - len(line.lstrip())]
         indent = " " * len(head) if head else blanks + _INDENT
@@ -84,6 +85,7 @@ def words(text: str) -> list[str]:
             found[-1] += f" {word}"
         else:
             found.append(word)
+    # never empty, as a cell without text still takes a line
     return found or [""]
 
 

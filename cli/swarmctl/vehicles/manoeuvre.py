@@ -48,6 +48,7 @@ async def follow(
     `send`: sends it to one; its result is the reason of a refusal, or empty.
     """
     observer = VehicleObserver(session, chosen)
+    # the sequences from before the order: only a newer state of the mission can be its effect
     progress = {name: ManoeuvreProgress(observer.mission_sequence(name), done[name]) for name in chosen}
     begin_ns = session.module.now_ns()
 

@@ -142,6 +142,7 @@ class VehicleObserver:
             platform,
             ok,
             reached,
+            # a vehicle that was not reached may be in another state by now
             words if reached or not words else f"last state {words}",
             round(after_s, 1),
             snapshot.mission.state if snapshot.mission else "",
@@ -164,9 +165,12 @@ class ManoeuvreProgress:
     def verdict(self, snapshot: VehicleSnapshot, sequence: int, now_ns: int) -> bool | None:
         """Whether the command succeeded; None while it is not decided."""
         mission = snapshot.mission
+        # the mission runs, or its state is from before the command: an end seen earlier was another
+        # mission's
         if mission is None or sequence == self._sequence or mission.state not in INACTIVE:
             self._ended_ns = None
             return None
+        # a station has no vehicle whose state could confirm the end
         if snapshot.kind == PlatformKind.GCS:
             return True
         if mission.state is not MissionPhase.FAILED and self._done(snapshot):
@@ -206,6 +210,7 @@ def raise_failures(what: str, found: list[VehicleResult]) -> None:
     text = f"{what}: {', '.join(f'{seen.platform} ({seen.text})' for seen in bad)}"
     if len(bad) < len(found):
         raise Partial(text)
+    # each answered, so it is a failure and not a missing answer: the exit codes differ
     if all(isinstance(seen, EndedResult) for seen in bad):
         raise SwarmError(text)
     raise NoAnswer(text)

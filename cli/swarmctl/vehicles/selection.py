@@ -43,6 +43,7 @@ def stations_left(
     found = {}
     for station in stations:
         epoch = running[station].epoch
+        # a mission of stations alone has no vehicles, and an order to vehicles does not end it
         vehicles = {name for name, state in running.items() if state.epoch == epoch} - stations
         if vehicles and vehicles <= set(chosen):
             found[station] = kinds[station]
@@ -71,6 +72,7 @@ async def choose(session: Session, wanted: Iterable[str]) -> dict[str, PlatformK
     there = ", ".join(moving) or "none"
     if not moving:
         raise NotFound(f"no vehicle is known to {session.here}; expected at least one")
+    # from all platforms, so that the name of a station gets its own error
     chosen = selection.choose(known, session.here)
     if not any(name in moving for name in chosen):
         raise InvalidInput(f"{', '.join(chosen)}: a ground station; expected a vehicle: {there}")

@@ -82,6 +82,7 @@ class VehicleSnapshot(msgspec.Struct, frozen=True):
         """Whether it keeps its position, on the ground or in the air."""
         if self.vehicle is None:
             return False
+        # a ground vehicle always counts as landed, so only its speed shows whether it keeps its position
         if self.kind == PlatformKind.UAV and self.vehicle.landed:
             return True
         return self.nav is not None and self.nav.state in STANDING and self.settled
@@ -99,6 +100,7 @@ class VehicleSnapshot(msgspec.Struct, frozen=True):
         vehicle = self.vehicle
         if vehicle is None or vehicle.armed or not vehicle.landed:
             return False
+        # a disarmed ground vehicle may still roll
         return self.kind == PlatformKind.UAV or self.speed_m_s < STILL_M_S
 
     def words(self) -> str:
@@ -114,6 +116,7 @@ class VehicleSnapshot(msgspec.Struct, frozen=True):
             doing = "somewhere"
         else:
             doing = "stopped" if self.speed_m_s < STILL_M_S else "moving"
+        # noise of a vehicle on the ground would show as a negative height
         height = "" if self.pose is None else f" {max(self.pose.z_m, 0.0):.1f} m"
         return f"{doing}{height} {'armed' if self.vehicle.armed else 'disarmed'}"
 

@@ -33,6 +33,7 @@ def errors_us(
         mono_ns = here.to_mono_ns(published.stamp_ns)
         for function in published.functions:
             truth = clocks.get(function.platform)
+            # without a sample the function is not an estimate yet
             if truth is not None and function.samples:
                 true_ns = truth.clock.from_mono_ns(mono_ns)
                 found.append((function.to_remote(published.stamp_ns) - true_ns) / 1000)

@@ -25,6 +25,7 @@ def formed_spans(goals: Mapping[str, Goals], end_s: float) -> tuple[tuple[float,
     for start_s, stop_s in pairwise(instants):
         if not goals or not all(_advances(goal_at(known, start_s)) for known in goals.values()):
             continue
+        # a change of the goal inside the formation does not end the span
         if spans and spans[-1][1] == start_s:
             spans[-1] = (spans[-1][0], stop_s)
         else:
@@ -56,6 +57,7 @@ def course_of(goals: Mapping[str, Goals]) -> tuple[tuple[float, float], ...]:
     courses = [
         goal.course for known in goals.values() for _, goal in known if goal.kind is GoalKind.FORMATION
     ]
+    # the longest, as goals of a formation may have no course
     return max(courses, key=len, default=())
 
 

@@ -74,6 +74,7 @@ def shares(
         return host
     nodes = sum(known)
     whole = (after.cpu_s - before.cpu_s) / elapsed_s * 100
+    # the two counters are read at slightly different instants, so a small difference may be negative
     return msgspec.structs.replace(host, nodes_percent=nodes, others_percent=max(0.0, whole - nodes))
 
 

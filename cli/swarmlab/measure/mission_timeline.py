@@ -84,14 +84,17 @@ def of_member(platform: str, steps: Steps, end_s: float) -> MemberTimeline:
         if step.event == STARTED:
             open_at[key] = (t_s, step)
         elif step.event in PHASES:
+            # an event of the whole mission ends the span of the phase before it
             _close(found, open_at, "", t_s, "")
             outcome, ended_s = PHASES[step.event], t_s
             if outcome in _NAMES:
                 open_at[""] = (t_s, step)
         elif key in open_at:
             _close(found, open_at, key, t_s, step.event, step.text)
+    # blocks that never reported their end, such as of a killed node
     for key in list(open_at):
         _close(found, open_at, key, end_s, "")
+    # longer spans first, so that enclosing blocks get the upper lanes
     found.sort(key=lambda span: (span.start_s, -span.end_s, span.block))
     return MemberTimeline(platform, _in_lanes(found), outcome, ended_s)
 
@@ -134,6 +137,7 @@ def passages(
             for result in state.meetings:
                 key = (result.barrier, result.visit)
                 if result.leave_ns is None:
+                    # the first report counts, since the result is repeated in later states
                     broken.setdefault(key, {}).setdefault(platform, t_s)
                 else:
                     released.setdefault(key, {})[platform] = (
@@ -144,6 +148,7 @@ def passages(
         ordered = sorted(instants.values())
         found.append(BarrierPassage(*key, median(ordered), ordered[-1] - ordered[0], len(ordered)))
     for key, seen in broken.items():
+        # a barrier that opened for one member counts as opened, even if another gave it up
         if key not in released:
             found.append(BarrierPassage(*key, min(seen.values()), 0.0, len(seen), broken=True))
     return tuple(sorted(found, key=lambda passage: (passage.at_s, natural(passage.barrier))))

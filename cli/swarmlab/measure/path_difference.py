@@ -78,6 +78,7 @@ def _by_phase(one: VehicleRun, other: VehicleRun) -> tuple[tuple[PhaseDifference
             (float(run.track.t_s[-1]) if last else run.phases[common[number + 1]]) - run.phases[phase]
             for run in (one, other)
         ]
+        # as long as both runs were in the phase
         times_s = axis(0.0, min(ends_s))
         apart_m = np.linalg.norm(
             resample(one.track, begin_s + times_s) - resample(other.track, began_s + times_s), axis=1

@@ -69,6 +69,7 @@ class Recording:
             queue = queues.setdefault(entry.queue, QueueSpan(entry.sequence, entry.sequence, 0))
             queue.last = max(queue.last, entry.sequence)
             queue.entries += 1
+            # a logger also records mirrors of other platforms, whose stamps are on other clocks
             if entry.path in kept and entry.platform == platform:
                 t_s = (clock.to_mono_ns(entry.stamp_ns) - origin_ns) / 1e9
                 value = LoggedValue(t_s, entry.stamp_ns, entry.payload)
@@ -91,5 +92,6 @@ class Recording:
         t_s = np.array([at_s for at_s, _ in truth])
         xyz = np.array([(pose.x_m, pose.y_m, pose.z_m) for _, pose in truth]).reshape(-1, 3)
         yaw = np.array([pose.yaw_rad for _, pose in truth])
+        # a value that is recorded twice would give a zero interval for the interpolation
         order = np.unique(t_s, return_index=True)[1]
         return VehicleTrack(platform, t_s[order], xyz[order], yaw[order])

@@ -102,6 +102,7 @@ def resample_yaw(track: VehicleTrack, times_s: Floats, gap_s: float = GAP_S) -> 
     if len(track.t_s) == 0:
         return out
     inside = _covered(track.t_s, times_s, gap_s)
+    # unwrapped: between 179° and -179° the interpolation would turn the long way
     out[inside] = np.interp(times_s[inside], track.t_s, np.unwrap(track.yaw_rad))
     return out
 
@@ -110,6 +111,7 @@ def _covered(samples_s: Floats, times_s: Floats, gap_s: float) -> NDArray[np.boo
     after = np.searchsorted(samples_s, times_s, side="left")
     exact = np.zeros(len(times_s), dtype=np.bool_)
     within = after < len(samples_s)
+    # a sample itself is covered even at the edge of a hole
     exact[within] = samples_s[after[within]] == times_s[within]
     between = within & (after > 0)
     hole = np.full(len(times_s), np.inf)
@@ -135,6 +137,7 @@ def touches(positions: Mapping[str, Floats], radii_m: Mapping[str, float], times
     found = []
     for one, other in combinations(sorted(positions), 2):
         distance = np.linalg.norm(positions[one] - positions[other], axis=1)
+        # an unknown distance is not an overlap
         inside = np.nan_to_num(distance, nan=np.inf) < radii_m[one] + radii_m[other]
         begins = np.flatnonzero(inside & ~np.concatenate(([False], inside[:-1])))
         found += [Contact(float(times_s[i]), one, other) for i in begins]
@@ -149,6 +152,7 @@ def collisions(contacts: Iterable[Contact]) -> int:
         pair = frozenset((contact.one, contact.other))
         if contact.t_s - last.get(pair, -np.inf) > SAME_CONTACT_S:
             count += 1
+        # also for a contact that is not counted, as long sliding is a single collision
         last[pair] = contact.t_s
     return count
 

@@ -42,6 +42,7 @@ def _unwound(values: Floats) -> Floats:
     """A counter without the resets to zero."""
     steps = np.diff(values, prepend=values[0])
     fallen = steps < 0
+    # a counter that fell began at zero, so its whole value is growth
     steps[fallen] = values[fallen]
     result: Floats = values[0] + np.cumsum(steps)
     return result
@@ -54,5 +55,6 @@ def egress(counters: Counters) -> TimeSeries:
     if len(t_s) < 2:
         return TimeSeries(np.empty(0), np.empty(0))
     steps = np.diff(t_s)
+    # two reports with one stamp have no rate
     good = steps > 0
     return TimeSeries(((t_s[1:] + t_s[:-1]) / 2)[good], np.diff(sent)[good] / steps[good] / 1000)

@@ -21,6 +21,7 @@ class NamespaceDevices:
     def __init__(self, nodes: Sequence[LabNode], ethernet: Sequence[bytes]) -> None:
         """Raises: Denied without the rights."""
         self._namespaces: list[NodeNamespace] = []
+        # before the first network namespace, which belongs to the user namespace in which it is made
         if as_user := {node.user_namespace for node in nodes} - {""}:
             enter_user_namespace()
         try:
@@ -44,6 +45,7 @@ class NamespaceDevices:
 
     def _frames(self, index: int) -> Iterator[bytes]:
         read = self._namespaces[index].read
+        # bounded, so that a node that floods does not starve the others
         for _ in range(TURN):
             data = read()
             if data is None:
@@ -62,5 +64,6 @@ class NamespaceDevices:
 
 def _link(path: str, target: str) -> None:
     link = Path(path)
+    # a former radio of this lab that was killed leaves its link, whose target has ended
     link.unlink(missing_ok=True)
     link.symlink_to(target)

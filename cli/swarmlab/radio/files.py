@@ -69,6 +69,7 @@ def _row(path: Path, line: int, values: list[str]) -> TracePoint:
             numbers[name] = float(value)
         except ValueError:
             raise _refusal(path, line, f"{name}: {value!r}; expected a number") from None
+        # `float` accepts nan and inf, which no check of a range refuses
         if not math.isfinite(numbers[name]):
             raise _refusal(path, line, f"{name}: {value!r}; expected a finite number")
     try:

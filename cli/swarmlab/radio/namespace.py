@@ -67,11 +67,13 @@ def enter_user_namespace() -> None:
     Raises: Denied when the kernel refuses.
     """
     user, group = os.geteuid(), os.getegid()
+    # the kernel refuses it to a process with several threads
     if _libc().unshare(_NEW_USER):
         reason = os.strerror(ctypes.get_errno())
         raise Denied(f"user namespace: {reason}; expected root, or a kernel that permits it")
     own = Path("/proc/self")
     (own / "setgroups").write_text("deny", "ascii")  # required before a user may map a group
+    # the user keeps its number, so that the files of the lab still belong to it
     (own / "uid_map").write_text(f"{user} {user} 1", "ascii")
     (own / "gid_map").write_text(f"{group} {group} 1", "ascii")
 
@@ -105,6 +107,7 @@ class NodeNamespace:
                 self._device = _open_tap()
             except OSError as error:
                 raise Denied(f"{_TUN}: {error.strerror}; expected the right to make TAP devices") from error
+            # any socket of this namespace serves for the ioctls of its devices
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
                 hardware = struct.pack("16sH6s8x", DEVICE.encode(), _ARPHRD_ETHER, ethernet)
                 fcntl.ioctl(control, _SIOCSIFHWADDR, hardware)
@@ -153,11 +156,13 @@ def _new_namespace() -> Iterator[int]:
             raise Denied(f"network namespace: {reason}; expected root, and a container that permits it")
         yield os.open("/proc/self/ns/net", os.O_RDONLY | os.O_CLOEXEC)
     finally:
+        # back to the radio's own namespace: a socket lives where it was made, and the next one is made here
         _libc().setns(before, _NEW_NETWORK)
         os.close(before)
 
 
 def _open_tap() -> int:
+    # non-blocking, as one process serves the devices of all nodes
     device = os.open(_TUN, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
     try:
         fcntl.ioctl(device, _TUNSETIFF, struct.pack("16sH22x", DEVICE.encode(), _IFF_TAP_NO_PI))

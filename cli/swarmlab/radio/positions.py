@@ -38,6 +38,7 @@ class VehiclePositions:
             except WireError as error:
                 follower.refuse(error)
                 continue
+            # only one computer of a vehicle publishes its pose, and all of them move with it
             for node in self._nodes[index]:
                 found[node] = (pose.x_m, pose.y_m, pose.z_m)
         return found

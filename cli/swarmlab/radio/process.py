@@ -58,6 +58,7 @@ class RadioProcess:
             model,
             trace,
             nodes,
+            # its own stream of the seed: other draws of the lab do not change the losses
             random.Random(f"radio {lab.seed}").random,
             time.monotonic_ns(),
         )
@@ -85,6 +86,7 @@ class RadioProcess:
     def _on_frames(self, index: int, frames: Iterable[bytes]) -> None:
         for data in frames:
             now_ns = time.monotonic_ns()
+            # with frames only: without them positions change nothing
             if now_ns >= self._positions_ns:
                 self._positions_ns = now_ns + POSITIONS_NS
                 self._perform(self._core.on_positions(self._positions.read(), now_ns))
@@ -103,6 +105,7 @@ class RadioProcess:
 
     def _arm(self) -> None:
         due_ns = self._core.deadline_ns()
+        # an earlier timer stays: it fires, finds nothing due and arms itself again
         if due_ns is None or (self._timer is not None and self._timer_ns <= due_ns):
             return
         if self._timer is not None:
@@ -127,6 +130,7 @@ class RadioProcess:
 
 def _loop() -> asyncio.AbstractEventLoop:
     """Event loop whose time-outs have microseconds, by select(2)."""
+    # epoll(7) rounds time-outs up to a millisecond, in which several frames are sent
     return asyncio.SelectorEventLoop(selectors.SelectSelector())
 
 

@@ -79,6 +79,7 @@ class Capacity:
         """
         reason = ""
         for _ in range(SAMPLES):
+            # one good sample is enough, as nodes take more only while they meet
             if not (reason := refusal(self._nodes, await self._sample(lab), self.first)):
                 return
         raise SwarmError(f"lab {lab.name}: {reason}")

@@ -26,8 +26,10 @@ def child_environment(lab: LabState, notify_path: Path) -> dict[str, str]:
     kept = {
         key: value
         for key, value in os.environ.items()
+        # options of the operator's command would apply to the nodes as well, and join them to another node
         if not key.startswith("SWARMCTL_") and key != CONFIG_VARIABLE
     }
+    # a watchdog of this process's own service is not the children's to serve
     kept.pop("WATCHDOG_USEC", None)
     return kept | ENVIRONMENT | {MARK: lab.mark, KEEP: lab.folder, "NOTIFY_SOCKET": str(notify_path)}
 

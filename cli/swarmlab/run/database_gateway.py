@@ -36,6 +36,7 @@ class DatabaseGateway:
             loop.add_signal_handler(number, ended.set)
         listening = await asyncio.start_unix_server(self._serve, self._socket)
         try:
+            # ready without a try: the server may come later, and loggers repeat their connection
             Notifier().ready(f"gateway to {self._server.host}:{self._server.port}")
             await ended.wait()
         finally:

@@ -59,6 +59,7 @@ def run_interruptible(main: Coroutine[Any, Any, T]) -> T:
         loop, task = asyncio.get_running_loop(), asyncio.current_task()
         assert task is not None
         for number in (signal.SIGTERM, signal.SIGHUP):
+            # without a handler these signals end the process at once, and the nodes stay behind
             loop.add_signal_handler(number, task.cancel)
         return await main
 
@@ -99,6 +100,7 @@ async def bring_up(running: RunningLab, out: Output) -> float:
     order = plan.start_order([node.platform for node in lab.nodes], lab.seed)
     with Progress(out, f"starting {len(lab.nodes)} nodes of lab {lab.name}", 2 * len(lab.nodes)) as bar:
         running.watcher = lambda platform, what: bar.advance(f"{platform} {what}")
+        # made before the first start, because it samples the load of the computer without the lab
         capacity = Capacity(len(order))
         await running.start(order[: capacity.first], UP_S)
         if rest := order[capacity.first :]:
@@ -107,6 +109,7 @@ async def bring_up(running: RunningLab, out: Output) -> float:
     names = (node.platform for node in lab.nodes if node.kind != PlatformKind.GCS)
     vehicles = list(dict.fromkeys(map(platform_of, names)))
     with Progress(out, "waiting until the ground station knows every tree", len(vehicles)) as bar:
+        # the ground station's view counts, as it is the node that commands join
         async with connect(station_settings(lab)) as session:
             watch = SwarmWatch.open(session)
             try:
@@ -152,6 +155,7 @@ async def _up(running: RunningLab, out: Output, *, detach: bool) -> bool:
         await _stay(running, out)
         return False
     finally:
+        # before the event loop ends: the watchers are registered in it
         running.stop_watching()
 
 
@@ -175,6 +179,7 @@ def end_labs(name: str, out: Output, *, everything: bool, keep: bool) -> None:
     ended = []
     for lab in found:
         out.say(f"ending lab {lab.name}: {len(lab.nodes)} nodes")
+        # before the end, which removes the files that list the modules
         left = _modules_of_others(lab)
         if left:
             out.warn(
@@ -191,6 +196,7 @@ def end_labs(name: str, out: Output, *, everything: bool, keep: bool) -> None:
 
 def _modules_of_others(lab: LabState) -> list[str]:
     """Modules that have joined a node, of processes that the lab has not started and does not end."""
+    # by the mark, which processes of an operator do not have, even if they joined a node
     own = {process.pid for process in processes.marked(lab.mark)}
     return [
         f"{node.platform}: {entry.id} (process {entry.pid})"

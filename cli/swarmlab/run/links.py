@@ -125,6 +125,7 @@ def partition(groups: Sequence[str], out: Output) -> None:
     group_of: dict[str, int] = {}
     for number, group in enumerate(groups, 1):
         for node in _nodes(lab, group):
+            # a node in two groups would keep links to both, so the swarm would not be divided
             if group_of.setdefault(node, number) != number:
                 raise InvalidInput(f"node {node}: is in two groups; expected each in one")
     names = [node.platform for node in lab.nodes]
@@ -161,6 +162,7 @@ def _between(lab: LabState, one: str, other: str, *, one_way: bool = False) -> L
     if not forth:
         raise InvalidInput(f"link {one} {other}: expected two different nodes")
     back = [] if one_way else [(b, a) for a, b in forth]
+    # two overlapping selections name a direction twice
     return tuple(dict.fromkeys([*forth, *back]))
 
 

@@ -70,6 +70,7 @@ def describe(lab: LabState, now_utc_ns: int) -> LabLine:
     """The present state of one lab."""
     alive = sum(node.alive() for node in lab.nodes)
     state = "running" if alive == len(lab.nodes) else "partly" if alive else "dead"
+    # a lab whose starter was killed before it was ready will not become ready
     if lab.starter.alive() and not lab.ready_s:
         state = "starting"
     return LabLine(
@@ -120,6 +121,7 @@ def print_logs(lines: int, out: Output, *, follow: bool) -> None:
     for node in nodes:
         try:
             with node.log_file.open(encoding="utf-8", errors="replace") as file:
+                # keeps the last lines only, however long the log is
                 last = deque(file, maxlen=lines)
         except FileNotFoundError:
             continue

@@ -57,6 +57,7 @@ class MissionRun:
 
     def percent(self, platform: str) -> float | None:
         """Share of one core that the node's processes used; None when it is not known."""
+        # without the command, or with a node that ended, there is no span to compare
         if platform not in self.before or platform not in self.after:
             return None
         return load.percent(self.before[platform], self.after[platform])

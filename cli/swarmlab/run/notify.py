@@ -58,12 +58,14 @@ class NotifySocket:
         self.status = variables.get("STATUS", self.status)
         restarts = variables.get("X_RESTARTS", "")
         count = int(restarts) if re.fullmatch(rf"[0-9]{{1,{_COUNT_DIGITS}}}", restarts) else 0
+        # a count may be repeated, and only a larger one is a restart
         if count and self._before + count > self.restarts.count:
             self._add(self._before + count, variables.get("X_REASON", ""))
 
     def supervisor_died(self, how: str) -> None:
         """The supervisor died: it is restarted, and counts from the beginning."""
         self._add(self.restarts.count + 1, f"parent: {how}")
+        # the next supervisor counts from 1, so its count is added to all restarts up to now
         self._before = self.restarts.count
 
     def _add(self, count: int, reason: str) -> None:

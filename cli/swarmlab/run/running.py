@@ -129,6 +129,7 @@ class RunningLab:
                         if self.ready(platform):
                             starting.discard(platform)
                             self.watcher(platform, "ready")
+                    # after the ready ones are taken off, so that each makes room for the next
                     while waiting and len(starting) < at_once():
                         platform = waiting.pop(0)
                         self._launch(self.state.node(platform))
@@ -161,6 +162,7 @@ class RunningLab:
 
         Raises: SwarmError with the end of its log when a node has ended.
         """
+        # a task, so that the work can be given up when a node ends
         task = asyncio.create_task(work, name="work")
         fallen = asyncio.create_task(self.until_fallen(), name="fallen")
         try:
@@ -234,7 +236,9 @@ class RunningLab:
         self._processes.pop(platform).close()
         code = self._children[platform].wait()
         pause_s = None
+        # a node that exits by itself has failed or was asked to; only a killed one is restarted
         killed = code < 0 and -code not in ASKED
+        # `lab down` may run in another process, whose SIGKILL must not lead to a restart
         if killed and self._heals and self._watching and not provisioning.is_ending(self.state):
             pause_s = self._restart_policies[platform].on_end(
                 time.monotonic_ns(), killed=-code == signal.SIGKILL
@@ -270,9 +274,11 @@ class RunningLab:
             timer.cancel()
             self.fallen[platform] = code
         self._again.clear()
+        # messages that are waiting still count: READY may have been sent just before
         for platform, notify in self._sockets.items():
             self._on_notify(platform, notify)
         for platform in list(self._processes):
+            # an exit whose event the loop has not delivered yet
             if self._children[platform].poll() is not None:
                 self._on_exit(platform)
         for process in self._processes.values():

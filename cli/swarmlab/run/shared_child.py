@@ -62,6 +62,7 @@ class SharedChild:
             async with asyncio.timeout(timeout_s):
                 while not notify.ready:
                     changed.clear()
+                    # the process may have ended before it was ready, and would never become so
                     self.check()
                     await changed.wait()
         except TimeoutError:
@@ -89,6 +90,7 @@ class SharedChild:
         """Raises: SwarmError with the end of its log when it has ended, Denied for lack of rights."""
         if self._code is None:
             return
+        # the child reports lack of rights by its exit code, which the command passes on
         error = Denied if self._code == Denied.exit_code else SwarmError
         raise error(
             f"{self._name} of lab {self._lab.name}: ended with {exit_description(self._code)} ({self.log});"
@@ -115,6 +117,7 @@ class SharedChild:
     def wait(self) -> None:
         """Waits for the exit code of the ended process."""
         if self._child is not None:
+            # its end asks the process to end, too: without that the wait could last for ever
             self._close_input()
             self._child.wait()
 

@@ -78,6 +78,7 @@ class MissionMembers:
             state, before = now.get(name), self.states.get(name)
             if state is not None and state.epoch == self._epoch:
                 self.states[name] = state
+            # another epoch after a running mission: the member was restarted, and has lost it
             elif state is not None and before is not None and before.state not in ENDED:
                 self.states[name] = msgspec.structs.replace(before, state=LOST, active=(), text="")
 
@@ -159,6 +160,7 @@ class SwarmWatch:
         while asyncio.get_running_loop().time() < deadline_s:
             after = await reports.changed(timeout_s)
             seconds = (after.at_ns - before.at_ns) / 1e9
+            # requests
             if after.sent_frames - before.sent_frames < len(self._states) * seconds:
                 return True
             before = after
@@ -198,4 +200,5 @@ class SwarmWatch:
 
 def _good(boards: BoardSet[Any], platform: str) -> bool:
     value = boards[platform].value if platform in boards else None
+    # a mission is refused by a vehicle in error, so it counts as missing
     return value is not None and not (isinstance(value, HealthState) and value.level == "error")

@@ -113,6 +113,7 @@ async def print_history(session: Session, pattern: str) -> None:
     await session.reach(session.platform)
     path = names.join(session.platform, "sys/tree/history")
     found = await session.ask(path, HistoryQuery(pattern), ConfigHistory)
+    # settings are kept by the computer of their service, which is rarely another one
     for other in () if found.changes else await session.other_computers(session.platform):
         found = await session.ask(names.join(other, "sys/tree/history"), HistoryQuery(pattern), ConfigHistory)
         if found.changes:

@@ -121,6 +121,7 @@ async def configured(
         raise NotFound(f"{platform}: no key of the configuration {verb} {pattern!r}; {hint}")
     shown = _shown(found)
     way = str(config_dir(session.settings))
+    # a partial answer would remove the other keys from the completion
     if pattern == "**":
         completion_cache.save_keys(way, platform, ((key.name, key.live) for key in found.keys))
     _remember_values(way, platform, [key for key in shown.settings if key.live])
@@ -160,6 +161,7 @@ def local_keys(folder: Path, pattern: str = "**") -> ConfiguredKeys:
     except FileNotFoundError:
         stored = {}
     for path, kept in stored.items():
+        # a stored value may be of a setting that the template no longer has
         if path in live:
             live[path] = LiveValue(live[path].resource, kept.value, kept)
     found = effective_config(folder, {}, live, pattern)
@@ -212,6 +214,7 @@ async def print_keys(session: Session, pattern: str, *, changed: bool) -> None:
     Raises: as `configured`.
     """
     found = await configured(session, pattern)
+    # the bare value, so that a script can use it
     if not is_pattern(pattern) and not session.settings.structured and session.settings.output != "wide":
         _warn(session.out, found)
         session.out.text(brief(found.settings[0].value))
@@ -277,6 +280,7 @@ async def describe(session: Session, patterns: tuple[str, ...]) -> None:
     Raises: as `configured`.
     """
     found = [await configured(session, pattern, meanings=True) for pattern in patterns]
+    # overlapping patterns name a key twice
     keys = list({key.key: key for one in found for key in one.settings}.values())
     problems = list(dict.fromkeys(problem for one in found for problem in one.problems))
     all_of_them = ConfiguredKeys(keys, found[0].platform, problems)

@@ -92,9 +92,11 @@ async def load(session: Session, file: str, *, yes: bool) -> None:
     """
     wanted = _file(str(_own_file(session, file)))
     present = await _present(session, session.platform)
+    # a dump with `--files` has these keys too, and loading it must not fail on equal values
     for key in [key for key in wanted if key not in present]:
         await _check_of_file(session, file, key, wanted.pop(key), present)
     for key, value in wanted.items():
+        # all before the first is set: most errors are found without a change to undo
         check(file, key, present[key][0], value)
     changes = [
         LoadedChange(key, present[key][1], value) for key, value in wanted.items() if value != present[key][1]
@@ -178,7 +180,9 @@ async def _present(session: Session, platform: str) -> dict[str, tuple[TreeEntry
         entries = await valued(session, f"{prefix}**")
     except NotFound as error:
         raise NotFound(f"{platform}: has no live settings; expected a vehicle") from error
+    # from the owner, as a mirror may have the value before the last change
     readings, errors = await read_all(session, [entry.path for entry in entries], fresh=True)
+    # a missing value would count as a difference, and be lost in a dump
     if errors:
         raise errors[0]
     values = {reading.path: reading.value for reading in readings}

@@ -30,10 +30,12 @@ def hostile_input(shm_dir: Path) -> Iterator[CheckResult]:
     if traffic is None:
         return
     counts = msgspec.structs.asdict(traffic.refused)
+    # an own result, since it happens to valid members after a restart
     if traffic.refused.undated:
         text = f"{traffic.refused.undated} commands came before the first beacon of their sender"
         yield CheckResult("undated", "ok", f"{text}, which repeats them")
     found = ", ".join(f"{counts[name]} {name}" for name in HOSTILE if counts[name])
+    # the other counters also rise by loss and repetition
     if not any(counts[name] for name in CERTAINLY_HOSTILE):
         yield CheckResult("refused", "ok", found or "no forged or repeated input")
         return

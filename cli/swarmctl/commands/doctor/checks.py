@@ -59,6 +59,7 @@ def _node(folder: Path, fix: bool) -> Iterator[CheckResult]:
         return
     yield CheckResult("node.toml", "ok", f"{folder}: platform {node.platform}, {len(node.services)} services")
     yield _access_rules(folder)
+    # the longest name: the largest pid of Linux, and a number of two digits
     longest = len(str(paths.socket(node.run_path, "4194304-99")).encode())
     if longest > SOCKET_PATH_BYTES:
         text = f"{node.run_dir}: sockets in it would have paths of {longest} bytes"
@@ -78,6 +79,7 @@ def _node(folder: Path, fix: bool) -> Iterator[CheckResult]:
         yield CheckResult("services", "ok", f"all {len(node.services)} services run")
     for text in table.rejections:
         yield CheckResult("applications", "warning", text, "end the program of that user, or remove its file")
+    # with a living process the files may be its own
     if not len(table) and node.run_path.exists():
         if fix:
             reap(node.shm_path, node.run_path)
@@ -93,6 +95,7 @@ def _node(folder: Path, fix: bool) -> Iterator[CheckResult]:
         yield processor(node.shm_path)
         yield from foreign(node.shm_path)
         yield from hostile_input(node.shm_path)
+    # a node without processes cannot be joined
     if alive:
         from swarmctl.commands.doctor.joined_checks import check_joined  # joins the node
 
@@ -141,6 +144,7 @@ def _database(path: Path, uri: str) -> CheckResult:
             f"{path}: {error}",
             "correct the address or install the missing package; local logging continues",
         )
+    # before the server is asked, since a readable password is the larger problem
     if password_in(uri) and path.stat().st_mode & 0o007:
         text = f"{path}: its password is readable by all users"
         store.close()
@@ -157,6 +161,7 @@ def _database(path: Path, uri: str) -> CheckResult:
 
 
 def _disk(path: Path) -> CheckResult:
+    # the folder is made at the first start, on the file system of its parent
     while not path.exists():
         path = path.parent
     free = shutil.disk_usage(path).free

@@ -65,6 +65,7 @@ def _multicast() -> CheckResult:
             socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver,
             socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender,
         ):
+            # any free port: the broker's own may be in use by a running node
             receiver.bind(("", 0))
             joined = struct.pack("4s4s", socket.inet_aton(group), socket.inet_aton(interface))
             receiver.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, joined)
@@ -88,7 +89,9 @@ def _remove_ipc(uid: int) -> CheckResult:
         except OSError:  # no such file: logind's default applies
             continue
     off = any(line.strip().lower() == "removeipc=no" for line in text.splitlines())
+    # without logind nothing is removed at logout
     managed = Path("/run/systemd/seats").exists()
+    # logind spares system users, whose numbers are lower
     ordinary = uid >= 1000
     if managed and ordinary and not off:
         return CheckResult(
@@ -103,6 +106,7 @@ def _remove_ipc(uid: int) -> CheckResult:
 def _leftovers(fix: bool) -> Iterator[CheckResult]:
     known = {node.shm_dir for lab in labs.running_labs() for node in lab.nodes}
     prefix = f"swarm-{os.getuid()}-"
+    # by this user's prefix: the folders of other users are not ours to judge
     stale = [path for path in Path("/dev/shm").glob(f"{prefix}*") if str(path) not in known]
     if not stale:
         yield CheckResult("leftovers", "ok", "no shared memory of labs that ended")

@@ -29,6 +29,7 @@ def diagnose(out: Output, *, fix: bool) -> int:
     try:
         folders = local_config_dirs(out.settings)
     except NotFound as error:
+        # the default node is optional, a named one must exist
         if out.settings.node or out.settings.lab:
             raise
         out.say(f"{error}; only the machine is checked")

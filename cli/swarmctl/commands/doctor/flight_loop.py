@@ -23,6 +23,7 @@ class LoopFinding(NamedTuple):
 def check_flight_loop(node: NodeConfig, table: AppTable) -> LoopFinding | None:
     """How the process of the flight controller is scheduled, or None if no flight controller runs here."""
     pids = [entry.pid for entry in table if entry.name == SERVICE]
+    # without an airframe there is no flight loop to delay
     if not node.airframe or not pids:
         return None
     try:

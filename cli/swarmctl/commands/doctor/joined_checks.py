@@ -40,8 +40,10 @@ def check_joined(folder: Path, alive: Collection[str]) -> Iterator[CheckResult]:
         )
         return
     own, *others = present.computers
+    # without its monitor the check of services has reported the reason
     if "health" in alive:
         yield from _monitored(own, "swarmctl app ls shows whether `health` hangs")
+    # no table of services is at hand for the other computers, so each is asked
     for other in others:
         yield from _monitored(other, "swarmctl node ls --units shows whether it answers")
     if present.unreached:

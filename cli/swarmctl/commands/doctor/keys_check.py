@@ -37,6 +37,7 @@ def check_keys(folder: Path, platform: str, utc_s: float) -> Iterator[KeyFinding
         Keys.load(folder, platform)
     except Denied as error:
         again = f"{invite} `swarmctl keys join --replace TOKEN`"
+        # the same class covers a wrong mode and a missing membership, with different remedies
         advice = f"chmod 0600 {folder}/{NODE_KEY}" if "mode" in str(error) else again
         yield KeyFinding("error", str(error), advice)
     except SwarmError as error:

@@ -116,6 +116,7 @@ def _unanswered(module: Client) -> tuple[str, ...]:
     return tuple(
         one.name
         for one in ([] if table is None else table.neighbours)
+        # an unnamed sender has not proved to be a member, and a new link is still coming up
         if one.state in ONE_WAY and one.platform and now_ns - one.since_ns > LINK_NS
     )
 
@@ -131,6 +132,7 @@ async def _outages(module: Client) -> tuple[LinkOutage, ...] | None:
 def _members(module: Client, routes: tuple[RouteState, ...] | None) -> dict[str, bool]:
     """The other members of the swarm, and whether each has a route; empty without a broker or keys."""
     roster = module.reader("net/roster", RosterState).value
+    # a revoked node reaches no member, so a list of all of them would not help
     if roster is None or roster.revoked_self or routes is None:
         return {}
     reached = {route.platform for route in routes}
@@ -141,6 +143,7 @@ def _members(module: Client, routes: tuple[RouteState, ...] | None) -> dict[str,
 def _refusals(module: Client) -> tuple[DeniedRequests, ...]:
     found: dict[tuple[str, str, str], DeniedRequests] = {}
     for path in DENIALS:
+        # denials from before this command count as well
         reader = module.stream_reader(path, Denial, from_oldest=True)
         while (denial := reader.take()) is not None:
             sender = f"{denial.caller or denial.role}@{denial.platform}"

@@ -35,6 +35,7 @@ async def show_placement(session: Session, link_mbit_s: float | None) -> int:
     units: dict[str, list[str]] = {}
     for route in (await session.routes()).routes:
         units.setdefault(route.platform, []).append(route.unit)
+    # no route leads to the computer itself
     units.setdefault(session.here, []).append(session.module.node.address.unit)
     asked = await session.selected()
     for name in asked:
@@ -67,6 +68,7 @@ async def _measured(
 ) -> PlacementReport:
     async def one(unit: str) -> UnitPlacement | None:
         path = names.join(Address(platform, unit).path, "sys/tree/placement")
+        # the answer comes after the window of the measurement
         wait_s = WINDOW_S + session.settings.timeout_s
         try:
             return await session.module.request(

@@ -169,6 +169,7 @@ def _links(measured: Sequence[UnitPlacement], stated_bit_s: float | None) -> Ite
     for receiver in measured:
         sent: dict[str, float] = defaultdict(float)
         for one in receiver.inputs:
+            # counted at the receiver: only it knows what of the sender's values it gets
             sent[one.unit] += (one.payload_bytes + one.values * OVERHEAD_BYTES) / receiver.window_s
         for sender, found in sorted(sent.items()):
             rate_bit_s = stated_bit_s or rates.get(sender, {}).get(receiver.unit)
@@ -194,6 +195,7 @@ def _load(unit: UnitPlacement) -> UnitLoad:
 def _communication(unit: UnitPlacement) -> float | None:
     """Processor time of the communication layer as a share of one core, or None if other code shares it."""
     own = [one for one in unit.applications if one.name in COMMUNICATION]
+    # the processor time of a process with several services cannot be divided
     if not own or any(one.in_process > 1 for one in own):
         return None
     return sum(one.cpu_percent for one in own)
@@ -207,6 +209,7 @@ def _modules(
     for one in modules:
         found = _of_inputs(one, unit, load, links) if several else None
         free = found is None or found[0] == "separable"
+        # moving the heaviest frees most; a single module has no other to be separated from
         if free and load.over_capacity and one is heaviest and len(modules) > 1:
             text = f"{unit.unit}: {load.busy_percent:.0f} % of its cores busy; at most {CAPACITY_RATIO:.0%}"
             found = "separate", text

@@ -74,9 +74,11 @@ class Keyboard:
                 self._pressed.clear()
             elif key in _AXES:
                 former = self._pressed.get(key)
+                # a repetition proves that the key is held, so a shorter time suffices
                 repeated = former is not None and now_s <= former.until_s
                 hold_s = REPEAT_S if repeated else FIRST_S
                 axis = _AXES[key][0]
+                # the newest key of an axis wins: a terminal does not report that the other was released
                 for other in [one for one in self._pressed if _AXES[one][0] == axis and one != key]:
                     del self._pressed[other]
                 self._pressed[key] = _Pressed(now_s, now_s + hold_s)
@@ -89,6 +91,7 @@ class Keyboard:
                 axis, sign = _AXES[key]
                 axes[axis] = sign
         turn = axes["turn"]
+        # a vehicle with wheels turns by the keys that move another one aside
         if not self._sideways:
             turn, axes["left"], axes["up"] = turn or axes["left"], 0, 0
         speed_m_s, climb_m_s, turn_rad_s = self._rates

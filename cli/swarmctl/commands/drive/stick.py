@@ -99,6 +99,7 @@ class Stick:
 
     def send(self, setpoint: Setpoint) -> None:
         """Sends a set-point, unless too many are under way."""
+        # a skipped one is not sent later: the next period has a newer set-point
         if len(self._waits) < UNDER_WAY:
             self.sent += 1
             task = asyncio.get_running_loop().create_task(self._send(setpoint))
@@ -120,10 +121,12 @@ class Stick:
         """
         for task in list(self._waits):
             task.cancel()
+        # a release would take the stick from the operator who has it now
         if self.lost:
             return self.state
         try:
             return await _ask(self._session, self._platform, DriveRequest(DriveEvent.RELEASE))
+        # another operator took it just before
         except Denied:
             return self.state
 
@@ -150,8 +153,10 @@ def raw_terminal() -> Iterator[int]:
     former = termios.tcgetattr(descriptor)
     raw = termios.tcgetattr(descriptor)
     raw[3] &= ~(termios.ICANON | termios.ECHO)
+    # without a signal: Ctrl-C must release the vehicle first
     raw[6][termios.VINTR] = b"\x00"
     termios.tcsetattr(descriptor, termios.TCSADRAIN, raw)
+    # without the focus a held key would never be seen released
     sys.stderr.write(_FOCUS[0])
     sys.stderr.flush()
     try:
@@ -159,6 +164,7 @@ def raw_terminal() -> Iterator[int]:
     finally:
         sys.stderr.write(_FOCUS[1])
         sys.stderr.flush()
+        # flushed: keys typed meanwhile must not become commands of the shell
         termios.tcsetattr(descriptor, termios.TCSAFLUSH, former)
 
 
@@ -179,6 +185,7 @@ async def drive_by_hand(session: Session, platform: str, rates: Rates, *, take: 
         try:
             reason = await _drive(session, platform, stick, keyboard, observer, descriptor)
         finally:
+            # also after an error: a vehicle must not wait for an operator who has gone
             state = await stick.release()
     words = observer.snapshot(platform).words()
     if session.settings.structured:
@@ -202,6 +209,7 @@ async def _drive(
 
     def read() -> None:
         data = os.read(descriptor, 256)
+        # no bytes mean that the terminal was closed, which counts as Ctrl-D
         keyboard.on_text(data.decode(errors="replace") or "\x04", loop.time())
 
     loop.add_reader(descriptor, read)

@@ -50,6 +50,7 @@ async def move_blocks(
 
     try:
         while not window.is_done:
+            # filled again after each answer, so that the link never waits for a request
             while (number := window.take(monotonic_ns())) is not None:
                 under_way[loop.create_task(one(number, window.timeout_s), name=f"block {number}")] = number
             ended, _ = await asyncio.wait(under_way, return_when=asyncio.FIRST_COMPLETED)
@@ -59,6 +60,7 @@ async def move_blocks(
                     task.result()
                 except NoAnswer as error:
                     window.fail(number, monotonic_ns())
+                    # only silence of all blocks ends it: single failures are normal on a lossy link
                     if monotonic_ns() - window.arrived_ns > give_up_s * 1e9:
                         raise NoAnswer(f"no block has passed for {give_up_s:g} s ({error})") from error
                     session.out.detail(f"block {number}: {error}; again")

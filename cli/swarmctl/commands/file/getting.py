@@ -25,6 +25,7 @@ async def get_file(session: Session, name: str, target: Path, give_up_s: float) 
         )
     timeout_s = min(give_up_s, SLOW_TIMEOUT_S)
     listing = await session.ask("sys/files/list", FileQuery(name), FileListing, timeout_s=timeout_s)
+    # the answer comes from another computer and names the file that is written here
     if [entry.name for entry in listing.files] != [name]:
         raise WireError(f"{session.platform}: its answer is not about the file {name!r}; expected one entry")
     entry = listing.files[0]
@@ -32,6 +33,7 @@ async def get_file(session: Session, name: str, target: Path, give_up_s: float) 
         target /= name
     path = session.path("sys/files/read")
     try:
+        # in the folder of the target: a rename within a file system is atomic
         part = PartialFile(target.parent, entry.digest, entry.size_bytes)
     except OSError as error:
         raise InvalidInput(f"{target}: {error.strerror}") from error

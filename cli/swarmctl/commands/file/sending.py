@@ -37,6 +37,7 @@ async def send_file(session: Session, file: Path, name: str, give_up_s: float) -
             offset = number * BLOCK_BYTES
             content.seek(offset)
             block = FileBlock(name, digest, offset, content.read(BLOCK_BYTES))
+            # the node may check the whole file before it answers the last block
             is_last = BLOCK_BYTES * (number + 1) >= size_bytes
             return await session.module.request(
                 f"{path}/write",
@@ -46,11 +47,14 @@ async def send_file(session: Session, file: Path, name: str, give_up_s: float) -
                 bulk=True,
             )
 
+        # the node states at most RANGES_MAX gaps, and a failed check of the whole file asks for blocks
+        # again
         while True:
             timeout_s = min(give_up_s, SLOW_TIMEOUT_S)
             state = await session.ask("sys/files/offer", offer, FileProgress, timeout_s=timeout_s)
             missing = sum(last - first + 1 for first, last in state.missing)
             if resumed_bytes is None:
+                # a list of the maximum length may be cut, so the held blocks are not known
                 held = block_count(size_bytes) - missing if len(state.missing) < RANGES_MAX else 0
                 resumed_bytes = size_bytes if state.complete else held * BLOCK_BYTES
                 progress.at(resumed_bytes // BLOCK_BYTES)

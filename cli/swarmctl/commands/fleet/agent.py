@@ -122,6 +122,7 @@ class HostAgent:
 
         Raises: SwarmError and OSError; the order can be repeated then.
         """
+        # without the lock, so that a status is answered while another call acts
         if self._order.verb == "status":
             return self._status()
         self._folder.mkdir(parents=True, exist_ok=True)
@@ -140,6 +141,7 @@ class HostAgent:
     @contextmanager
     def _locked(self) -> Iterator[None]:
         with (self._folder / LOCK).open("w") as file:
+            # released by the kernel when the process ends, so a broken connection leaves no lock behind
             fcntl.flock(file, fcntl.LOCK_EX)
             yield
 
@@ -209,10 +211,12 @@ class HostAgent:
         if not (self._folder / NODE).exists():
             return HostStatus(installed=True, version=__version__, wheel=wheel, resume=record.resume)
         node = load_node(self._folder)
+        # the run directory shows nodes that systemd or an operator has started
         running = record.process.alive() or populated(node.run_path)
         info, armed = asyncio.run(self._answer(node)) if running else (None, None)
         return HostStatus(
             installed=True,
+            # a running node may still have the version from before an installation
             version=info.version if info is not None else __version__,
             wheel=wheel,
             configured=True,
@@ -242,7 +246,9 @@ class HostAgent:
         deadline_s = time.monotonic() + self._order.wait_s
         if self._order.supervisor == "systemd":
             start_unit(self._order.unit, self._folder)
+            # only after the start: a unit that is refused must not count as started
             self._save(FleetRecord(record.files, started_config=started))
+        # a repeated call waits for the node that an interrupted one has started
         elif not record.process.alive():
             if populated(node.run_path):
                 raise Conflict("the node runs, and `fleet` did not start it; expected it to be ended there")
@@ -260,6 +266,7 @@ class HostAgent:
         path = node.data_path / "swarmd.log"
         words = [str(Path(self._order.prefix) / "bin" / "swarmd"), "node", "--config", str(self._folder)]
         with closing(NotificationSocket()) as notify, path.open("ab") as log:
+            # the agent's socket ends with the connection, and the node outlives it
             environment = {name: value for name, value in os.environ.items() if not name.startswith("SSH_")}
             child = subprocess.Popen(
                 words,
@@ -271,9 +278,11 @@ class HostAgent:
                 start_new_session=True,  # it outlives the connection
             )
             who = identity(child.pid)
+            # before the wait: a call that is interrupted now must find the process again
             self._save(msgspec.structs.replace(record, pid=who.pid, start_ticks=who.start_ticks))
             with closing(ProcessHandle(child.pid)) as process:
                 ready = _ready(notify, process, deadline_s)
+            # an ended process is reaped here, which gives its exit code
             code = child.poll()
             child.returncode = code or 0  # it continues without this process
         if code is not None:
@@ -288,6 +297,8 @@ class HostAgent:
         if ours or populated(node.run_path):
             self._check_idle(node)
             if order.resume:
+                # before the stop, so that a repeated upgrade starts the node even if this call ends in
+                # between
                 self._save(msgspec.structs.replace(record, resume=True))
             if order.supervisor == "systemd":
                 Host().run(["systemctl", "stop", order.unit, *(["swarmd@*"] if order.unit == TARGET else [])])
@@ -314,6 +325,7 @@ class HostAgent:
         if armed:
             raise Denied(f"{node.platform} is armed; expected a disarmed vehicle, or --force")
         if info is None:
+            # no answer is the worst case: a vehicle whose broker hangs may be in flight
             raise Denied(f"{node.platform} runs and does not answer, so it may be armed; expected --force")
 
     async def _mission(self) -> MissionState | None:
@@ -331,6 +343,7 @@ def check_file(name: str, data: bytes) -> None:
     Raises: InvalidInput, and ConfigError with its line.
     """
     parts = PurePosixPath(name).parts
+    # the agent may run as root, so no name may lead out of the two folders
     if f"{parts[0]}/" not in {CONFIG, DATA} or ".." in parts or len(parts) < 2:
         raise InvalidInput(f"file {name!r}: expected a name below {CONFIG} or {DATA}")
     if name == NODE_FILE:
@@ -353,9 +366,11 @@ def _ready(notify: NotificationSocket, process: ProcessHandle, deadline_s: float
         poller.register(watched, select.POLLIN)
     while (left_s := deadline_s - time.monotonic()) > 0:
         found = {fd for fd, _ in poller.poll(left_s * 1000)}
+        # all waiting messages: READY may follow others in the same wake-up
         while (word := notify.receive()) is not None:
             if word[1].get("READY") == "1":
                 return True
+        # after the messages, since a process that has ended may have sent READY before
         if process.fileno() in found:
             return False
     return False

@@ -82,6 +82,7 @@ def upgrade(  # noqa: PLR0913 - an argument for each option
 ) -> None:
     """Installs another wheel on hosts and restarts their nodes."""
     hosts = hosts_of(path, selected)
+    # before the confirmation and the first host: a wrong file changes nothing
     software = read_wheel(wheel)
     armed = ", also armed vehicles" if force else ""
     names = ", ".join(host.name for host in hosts)

@@ -61,6 +61,7 @@ async def list_hosts(settings: CliSettings, hosts: Sequence[FleetHost]) -> None:
                 return ListedHost(
                     host.name, host.address, None, "none", None, str(failure), failure.exit_code
                 )
+            # a stopped node has nothing to compare
             synchronised = await _synchronised(sync, host.name) if seen.answers else None
             return ListedHost(host.name, host.address, seen, state, synchronised)
 
@@ -82,6 +83,7 @@ def config_state(seen: HostStatus, wanted: str) -> str:
         return "none"
     if seen.config != wanted:
         return "changed"
+    # "" means that `fleet` did not start the node, so nothing is known about its start
     return "restart" if seen.running and seen.started_config not in {"", wanted} else "current"
 
 

@@ -76,6 +76,7 @@ def next_step(wanted: HostTarget, seen: HostStatus, done: Collection[Step]) -> S
     was done had no effect.
     """
     step = _next(wanted, seen, done)
+    # without this a step that has no effect would be repeated for ever
     if step is not None and step in done:
         raise SwarmError(f"{step}: done, but the host does not show its effect; expected a change")
     return step
@@ -84,6 +85,7 @@ def next_step(wanted: HostTarget, seen: HostStatus, done: Collection[Step]) -> S
 def _next(wanted: HostTarget, seen: HostStatus, done: Collection[Step]) -> Step | None:
     match wanted.goal:
         case FleetGoal.DOWN:
+            # also a stopped node that an upgrade would start again: `down` ends that intention
             return Step.STOP if seen.running or seen.resume else None
         case FleetGoal.PUSH:
             return _push(wanted, seen, done)
@@ -99,6 +101,7 @@ def _push(wanted: HostTarget, seen: HostStatus, done: Collection[Step]) -> Step 
             raise Conflict(
                 f"its node runs {seen.version}; `fleet upgrade` replaces the software of running nodes"
             )
+        # no state of the host shows an upload, so only the steps of this call count
         return Step.INSTALL if Step.UPLOAD in done else Step.UPLOAD
     if not seen.installed:
         raise NotFound("Swarmware is not installed; `fleet push --wheel FILE` installs it")
@@ -117,9 +120,11 @@ def _up(wanted: HostTarget, seen: HostStatus, done: Collection[Step]) -> Step | 
 
 def _upgrade(wanted: HostTarget, seen: HostStatus, done: Collection[Step]) -> Step | None:
     if seen.wheel != wanted.wheel:
+        # before the stop, so that the node is down for the installation only
         if Step.UPLOAD not in done:
             return Step.UPLOAD
         return Step.STOP if seen.running else Step.INSTALL  # a running node loads parts of its code later
+    # a node that did not run before the upgrade is not started
     if seen.resume or (Step.STOP in done and not seen.answers):
         return Step.START
     started = wanted.synchronise and Step.START in done

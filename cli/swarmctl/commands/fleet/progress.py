@@ -38,6 +38,7 @@ class FleetProgress:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        # after an error the live table stays as it was, and programs have had each step
         if self._out.settings.structured or error is not None:
             return
         if self._out.redraws:

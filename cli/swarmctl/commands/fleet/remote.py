@@ -81,6 +81,7 @@ def read_wheel(path: Path) -> Wheel:
     Raises: InvalidInput when it is not one, OSError.
     """
     data = path.read_bytes()
+    # a wheel is a zip file, whose first bytes are PK
     if path.suffix != ".whl" or not data.startswith(b"PK"):
         raise InvalidInput(f"file {path}: not a wheel; expected the swarmware-*.whl of `make dist`")
     return Wheel(path.name, data, hashlib.sha256(data).hexdigest())
@@ -180,6 +181,7 @@ def status_of(done: ssh.SshResult) -> HostStatus:
             raise _raised(str(found["error"]), int(found["exit_code"]))
         return msgspec.convert(found, HostStatus)
     except (msgspec.DecodeError, TypeError, KeyError, ValueError) as error:
+        # InvalidInput and others are ValueErrors as well, and carry the error of the host
         if isinstance(error, SwarmError):
             raise
         text = _last(done.stderr) or f"exit code {done.code}"

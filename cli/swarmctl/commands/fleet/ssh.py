@@ -34,9 +34,11 @@ def command_line(host: FleetHost, words: Sequence[str], connect_s: float) -> lis
     keys = host.keys
     options = {
         # no questions: many hosts are reached at once without an operator at each
+        # a question of ssh would wait for an answer that nothing gives
         "BatchMode": "yes",
         "StrictHostKeyChecking": "yes",
         "ConnectTimeout": str(max(1, round(connect_s))),
+        # without these a host that loses its network blocks the command until TCP gives up
         "ServerAliveInterval": str(ALIVE_S),
         "ServerAliveCountMax": "3",
         "LogLevel": "ERROR",
@@ -53,6 +55,7 @@ def command_line(host: FleetHost, words: Sequence[str], connect_s: float) -> lis
         # without this, keys of the agent are tried first and may exhaust the server's attempts
         line += ["-o", "IdentitiesOnly=yes", "-i", str(host.folder / keys.identity)]
     raised = ["sudo", "-n", "--"] if keys.sudo else []
+    # ssh joins its arguments with blanks for the remote shell, so the words are quoted here
     return [*line, "--", host.address, shlex.join([*raised, *words])]
 
 
@@ -105,6 +108,7 @@ async def _line(stream: asyncio.StreamReader) -> bytes:
     except asyncio.IncompleteReadError as end:  # the last line without a line feed
         return end.partial
     except asyncio.LimitOverrunError as long:
+        # a line longer than the buffer is passed on in parts, since waiting for its end would block
         return await stream.read(long.consumed)
 
 

@@ -26,6 +26,7 @@ class Synchronisation:
         here = self._session.here
         try:
             replica = (await self._digests(here)).get(platform, 0)
+            # without a replica the digest is 0, which is not compared
             if not replica:
                 return f"{here} does not have its tree"
             own = (await self._digests(platform)).get(platform, 0) if platform != here else replica
@@ -67,6 +68,7 @@ async def synchronisation(settings: CliSettings) -> AsyncIterator[Synchronisatio
         try:
             session = await stack.enter_async_context(connect(settings))
         except (NotFound, NoAnswer, ConfigError):
+            # a node that was named must be there, while the default one is optional
             if settings.config or settings.lab:
                 raise
             yield None

@@ -55,6 +55,7 @@ def list_members(out: Output, root_dir: Path | None) -> None:
     """Prints the members. Raises: as `known_members`."""
     found = known_members(out, root_dir)
     node = _node(out) if root_dir is None else None
+    # the rosters of other nodes are asked through the running node; the files here need none
     asked = node is not None and node.runs
     if asked:
         found = asyncio.run(_with_rosters(out, found))
@@ -95,6 +96,7 @@ def show_member(out: Output, root_dir: Path | None, platform: str) -> None:
     if out.settings.structured:
         out.document(shown)
         return
+    # the last one, as a platform that was revoked and invited again is listed twice
     one = members[-1]
     rows = [
         ("platform", one.platform),
@@ -144,11 +146,13 @@ async def _with_rosters(out: Output, found: MemberList) -> MemberList:
 
 def _with_invitations(out: Output, found: MemberList, folder: RootFolder) -> MemberList:
     """The members with the state of their files, if the root of this swarm is on this computer."""
+    # the default folder may have the root of another swarm
     if not os.access(folder.path, os.R_OK | os.X_OK) or folder.fingerprint != found.fingerprint:
         return found
     files = folder.unused_files()
     seen = {(one.platform, one.serial) for one in found.members if one.roster is not None} & files.keys()
     if seen:
+        # a roster that answers shows that its node has the credentials of the file
         folder.note_used(seen)
     utc_s, members = utc_ns() // 1_000_000_000, []
     for one in found.members:

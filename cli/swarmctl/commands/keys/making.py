@@ -45,6 +45,7 @@ def make_root(out: Output, root_dir: Path | None, swarm: str, *, replace: bool =
     Denied, OSError when a folder cannot be written.
     """
     node, folder = NodeKeys.find(out.settings), RootFolder(root_dir)
+    # before the root is made: a refusal leaves nothing behind
     node.check_free(replace=replace)
     with folder.locked():
         root = _unused_root(folder, node.platform, swarm)
@@ -89,6 +90,7 @@ def _unused_root(folder: RootFolder, platform: str, swarm: str) -> Root:
         return Root.make(folder.path, swarm)
     root = folder.load()
     others = [member.platform for member in root.roster.valid() if member.platform != platform]
+    # a root with other members is in use, and `init` is not a way to join it
     if others:
         raise Conflict(
             f"{folder.path}: the root of swarm {root.roster.swarm!r} with members {', '.join(others)};"

@@ -69,6 +69,7 @@ def named(columns: Iterable[tuple[str, tuple[str, ...], Content]]) -> list[Table
     taken = set(HEAD)
     out: list[TableColumn] = []
     for text, path, content in columns:
+        # a field must not take the name of a column that every table has
         wanted = f"{VALUE}.{text}" if text in HEAD else text or VALUE
         name, number = wanted, 1
         while name in taken:
@@ -87,6 +88,7 @@ def _flat(
 ) -> Iterable[_Found]:
     """Columns of a field: one, or one for each field of a nested type."""
     info = _required(info)
+    # a type that contains itself would give columns without an end, so its inner values are one cell
     if isinstance(info, msgspec.inspect.StructType) and info.cls not in above and info.fields:
         for field in info.fields:
             inner = (*names, field.encode_name), (*path, field.name)
@@ -114,6 +116,7 @@ def _content(info: Any, above: tuple[Any, ...], name: str) -> Content:
         case kinds.BoolType():
             return Content(ColumnKind.BOOL, raw=True)
         case kinds.IntType():
+            # identities are 64-bit hashes, half of which exceed a signed integer
             unsigned = is_identity(name) or (info.le or 0) >= 1 << 63
             return Content(ColumnKind.UINT if unsigned else ColumnKind.INT, raw=True)
         case kinds.FloatType():
@@ -176,6 +179,7 @@ def cells_of(columns: Sequence[TableColumn]) -> Callable[[Any], Sequence[Any]]:
     """Function that returns the columns of a decoded Struct, each None if a part of its path is None."""
     paths = [column.path for column in columns]
     if len(paths) > 1 and all(len(path) == 1 for path in paths):
+        # several names in one call of C, for types without nested fields; a single name would give no tuple
         return attrgetter(*(path[0] for path in paths))
     return lambda value: [_part(value, path) for path in paths]
 

@@ -85,6 +85,7 @@ def _selected(found: LogSource, options: Mapping[str, Any], out: Output) -> Iter
     if wanted.limit is None:
         yield from found.entries(wanted)
         return
+    # one more than wanted, to know whether there are others
     entries = list(found.entries(msgspec.structs.replace(wanted, limit=wanted.limit + 1)))
     others = len(entries) > wanted.limit
     yield from entries[-wanted.limit :] if wanted.newest else entries[: wanted.limit]
@@ -202,6 +203,7 @@ def folders(settings: CliSettings, folder: str | None) -> list[Path]:
     if lab is not None:
         return [path for node in lab.select(settings.node) if (path := paths.log(node.data_dir)).is_dir()]
     node = load_node(config_dir(settings))
+    # logs stay on the computer that wrote them, so another node's are not here
     if settings.node and not NodeSelection(settings.node).matches(node.platform):
         raise NotFound(
             f"log of {settings.node}: not on this machine; expected --mongodb URI, or swarmctl on its machine"
@@ -241,6 +243,7 @@ def instant_ns(text: str, now_ns: int) -> int:
         found = datetime.fromisoformat(text)
     except ValueError:
         raise InvalidInput(f"time {text!r}: expected 30s, 5m, 2h, 1d or an ISO date with Z") from None
+    # a date without a zone is UTC, as all printed times are
     return round((found if found.tzinfo else found.replace(tzinfo=UTC)).timestamp() * 1e9)
 
 

@@ -32,12 +32,14 @@ def export(
 
     Raises: NotFound when there are none, before a file is written; InvalidInput for an unsuitable target.
     """
+    # read before the file is opened, so that an empty result does not overwrite an earlier export
     first = next(entries, None)
     if first is None:
         raise NotFound("no entry matches: nothing is written; expected entries of that path, type and time")
     found = chain((first,), entries)
     lost = LostValues() if lost is None else lost
     if form in ("csv", "parquet"):
+        # writes files by itself, as a folder may get several
         from swarmctl.commands.log.tables import write_tables
 
         return write_tables(found, form, target, lost)

@@ -31,11 +31,13 @@ class _Seen(msgspec.Struct):
     high: int = 0
 
     def content(self) -> Content:
+        # integers up to 2^53 are exact as a float; larger ones keep their digits as JSON
         if self.kinds == {ColumnKind.INT, ColumnKind.FLOAT} and max(-self.low, self.high) <= _EXACT:
             return Content(ColumnKind.FLOAT)
         if len(self.kinds) != 1:
             return Content(ColumnKind.JSON)
         (kind,) = self.kinds
+        # no integer type of a table holds negative and such large numbers
         if kind is ColumnKind.INT and self.high >= 1 << 63:
             return Content(ColumnKind.JSON) if self.low < 0 else Content(ColumnKind.UINT, raw=True)
         return Content(kind, raw=kind is not ColumnKind.JSON)
@@ -74,6 +76,7 @@ class FoundColumns:
 
 def _leaves(value: Any, path: Path) -> Iterator[tuple[Path, Any]]:
     """Values that are not maps, with their keys."""
+    # an empty map stays a value: without a column it would look like a missing one
     if isinstance(value, Mapping) and value and len(path) < _DEPTH_LIMIT:
         for key, item in value.items():
             yield from _leaves(item, (*path, key))

@@ -43,6 +43,7 @@ class Interleaving:
     def ready(self, now_ns: int) -> list[LogEntry]:
         """Entries in order that no older entry can precede any more."""
         waited_for = self._waited_for(now_ns)
+        # None if every logger is silent for too long: then nothing is worth waiting for
         until_ns = min((logger.complete_utc_ns for logger in waited_for), default=None)
         ready = [entry for entry in self._held if until_ns is None or entry.utc_ns < until_ns]
         if ready:

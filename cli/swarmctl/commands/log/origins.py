@@ -30,6 +30,7 @@ def origins(options: Mapping[str, Any], out: Output) -> dict[str, Origin]:
     invalid is left out, with a warning: its log can be read all the same.
     """
     found: dict[str, Origin] = {}
+    # recorded elsewhere or earlier: the present configuration says nothing about their maps
     if not any(options.get(key) for key in ("folder", "mongodb", "spool")):
         for platform, folder in _nodes(out.settings):
             try:

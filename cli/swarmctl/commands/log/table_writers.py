@@ -60,11 +60,13 @@ class CsvWriter:
         self._shown = shown
         self._name = name
         self._lost = lost
+        # files end their lines by CR LF (RFC 4180), a terminal needs LF alone
         self._rows = csv.writer(file, lineterminator="\n" if shown else "\r\n")
         self._write([*HEAD, *(column.name for column in columns)])
         self._changed = [
             place
             for place, column in enumerate(columns, start=len(HEAD))
+            # bytes have the type of their column, but CSV needs them as base64
             if not column.content.raw or column.content.kind is ColumnKind.BYTES
         ]
 
@@ -134,6 +136,7 @@ class ParquetWriter:
         kind = self._schema.field(place).type
         try:
             return self._pyarrow.array(values, kind)
+        # a value is out of range: found only now, since a check of each value would slow every export
         except (OverflowError, self._pyarrow.ArrowInvalid):
             content = self._contents[place]
             return self._pyarrow.array([self._in_range(value, content, place) for value in values], kind)
@@ -156,6 +159,7 @@ class ParquetWriter:
         try:
             self.flush()
         finally:
+            # also after an error, or the file would stay open
             self._writer.close()
 
 

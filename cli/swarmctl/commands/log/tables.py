@@ -136,6 +136,7 @@ class Tables:
         if len(self._tables) > 1 and self._folder is None:
             return  # refused at the end, with the names of all types
         table.add(entry, entry.content() if value is None else value)
+        # counted over all tables: many types with few rows each would otherwise fill the memory
         self._pending += _ROW_BYTES + len(entry.payload)
         if self._pending >= PENDING_BYTES:
             self._pending = 0
@@ -146,6 +147,8 @@ class Tables:
         if len(self._tables) >= TABLES_LIMIT:
             raise InvalidInput(f"--out {self._target}: more than {TABLES_LIMIT} types; expected --type TYPE")
         columns = None if cls is None else columns_of(cls)
+        # a stream cannot be taken back, so it is written only when it is certain that there is a single
+        # type
         if columns is None or (self._direct and self._folder is None) or self._refused():
             return KeptTable(
                 name, columns, cast(BinaryIO, self._stack.enter_context(tempfile.TemporaryFile()))
@@ -167,6 +170,7 @@ class Tables:
         while path in taken:
             number += 1
             path = Path(f"{wanted}_{number}{_PART}")
+        # a complete file has its final name by then, so this removes only incomplete ones
         self._stack.callback(path.unlink, missing_ok=True)
         return path
 
@@ -227,6 +231,7 @@ class Tables:
                 continue
             wanted = name = safe_name(key[0])
             number = 1
+            # file systems of Windows and macOS do not distinguish upper and lower case
             while name.casefold() in taken:
                 number += 1
                 name = f"{wanted}_{number}"

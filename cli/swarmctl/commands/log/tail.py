@@ -84,6 +84,7 @@ class Tail:
                 module = await stack.enter_async_context(Client("swarmctl", config_dir=folder))
                 stats = module.reader("log/stats", LogStats)
                 module.start(self._read(str(folder), stats, growing), "tail")
+            # kept only when every node was joined; before that an error leaves those already joined
             self._stack = stack.pop_all()
         return self
 
@@ -122,6 +123,7 @@ class SegmentFollower:
 
     def __init__(self, directory: Path) -> None:
         self._directory = directory
+        # only the newest segment grows
         self._readers = [SegmentReader(path) for path in segments(directory)[-1:]]
 
     def entries(self) -> Iterator[LogEntry]:
@@ -130,6 +132,7 @@ class SegmentFollower:
         # listed before reading: a segment with a successor gets no further entries
         newer = [SegmentReader(path) for path in segments(self._directory) if int(path.stem) > last]
         readers = self._readers + newer
+        # older segments are read once more below, then never again
         self._readers = readers[-1:]
         for reader in readers:
             with contextlib.suppress(FileNotFoundError):  # the ring has deleted it

@@ -59,9 +59,11 @@ def add_node(
             "the swarm has no keys, so that there is nothing to invite to; expected --hosts with --address,"
             " or keys (`swarmctl keys init`)"
         )
+    # in a swarm without keys no roster lists the names, only the routes do
     if new.platform in asyncio.run(_reachable(out)):
         raise Conflict(f"{new.platform}: a node with this name runs; expected another name")
     if file is not None:
+        # before the invitation, which waits until the node has joined and may be interrupted
         if add_host(file, new.platform, new.address, new.keys):
             out.say(f"{file}: host {new.platform} was added")
         else:

@@ -36,6 +36,7 @@ async def drain(session: Session, wait_s: float, *, now: bool, yes: bool) -> Non
     status = await session.ask("sys/mission/status", Empty(), MissionStatus)
     plays = status.state.state not in INACTIVE
     await session.confirm(yes, f"drain and end {status.state.mission}: it lands" if now and plays else "")
+    # asked again, because the mission may have ended or begun during the confirmation
     status = await session.ask(DRAIN, DrainOrder(True), MissionStatus)
     if status.state.state not in INACTIVE:
         session.out.say(f"{session.platform}: drained; its mission {status.state.mission} still runs")

@@ -38,6 +38,7 @@ async def show_node(session: Session) -> None:
     Raises: NoAnswer in the second case; NotFound for an unknown platform.
     """
     target = session.platform
+    # not `reach`: its error would end the command before the last known state is printed
     if not await session.in_reach(target):
         reason = f"node {target!r}: known, but {session.here} has no route to it now"
         await _show_lost(session, reason)
@@ -78,6 +79,7 @@ async def _show_lost(session: Session, reason: str) -> None:
     if pose is not None:
         rows += [
             ("position", f"{pose.x_m:.1f} m east, {pose.y_m:.1f} m north"),
+            # adding 0.0 turns -0.0 into 0.0
             ("height", f"{pose.z_m + 0.0:.1f} m"),
         ]
     if battery is not None:

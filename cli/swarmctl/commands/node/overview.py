@@ -69,6 +69,7 @@ async def overview(session: Session) -> tuple[list[NodeOverview], dict[str, Swar
             read_boards(session, asked, "nav/pose", Pose),
             read_boards(session, asked, "power/battery", BatteryState),
         ),
+        # boards without a subscriber here have no mirror, so their owners are asked
         read_boards(session, asked, "control/state", ControlState, fresh=True),
         synchronisation(session, asked),
     )
@@ -81,6 +82,7 @@ async def overview(session: Session) -> tuple[list[NodeOverview], dict[str, Swar
         vehicle, pose, battery = vehicles.get(name), poses.get(name), batteries.get(name)
         control = controls.get(name)
         last = lost.get(name)
+        # `read_boards` does not read a platform without a route, so its last values are taken
         if last is not None:
             vehicle, pose, battery = last.vehicle, last.pose, last.battery
         nodes.append(
@@ -107,6 +109,7 @@ def _ways(routes: tuple[RouteState, ...]) -> tuple[dict[str, RouteState], dict[s
     """The shortest route to each platform, and the names of its computers, `main` first."""
     ways: dict[str, RouteState] = {}
     units: dict[str, tuple[str, ...]] = {}
+    # sorted so that `main` wins among routes of equal length
     for route in sorted(routes, key=lambda one: (one.unit != names.MAIN, one.unit)):
         units[route.platform] = (*units.get(route.platform, ()), route.unit)
         known = ways.get(route.platform)
@@ -171,6 +174,7 @@ async def list_nodes(session: Session) -> None:
     Raises: Partial when one did not answer; the error itself when `-n` names it.
     """
     nodes, errors = await overview(session)
+    # a single named node fails with its own error and exit code, not as a part of a list
     if session.platform in errors and names_one(session.settings.node):
         raise errors[session.platform]
     if session.settings.structured:

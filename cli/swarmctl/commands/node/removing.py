@@ -67,10 +67,12 @@ class Removal:
         if self._has_keys:
             roster = current_root(self._out, self._folder).roster
             self._members = tuple(one for one in self._platforms if roster.find(one) is not None)
+        # a platform that never joined is known from the file alone
         listed = {host.name for host in read_hosts(self._file)} if self._file is not None else set[str]()
         asyncio.run(self._check(listed, force=force))
         text = "revoke, and forget everywhere" if self._members else "forget everywhere"
         confirm(yes, f"remove {', '.join(self._platforms)}: {text}")
+        # before the revocation: the file can refuse, and a revocation cannot be taken back
         hosts = remove_hosts(self._file, self._platforms) if self._file is not None else []
         if self._members:
             members = self._members
@@ -93,6 +95,7 @@ class Removal:
                 if platform not in known:
                     there = ", ".join(sorted(known, key=names.natural))
                     raise NotFound(f"node {platform!r}: not known to {session.here}; expected one of {there}")
+                # an unreachable member can be removed, as it cannot be asked
                 if platform in reached:
                     await self._check_idle(
                         session.at(platform, self._out, JointConfirmation([platform])), force=force

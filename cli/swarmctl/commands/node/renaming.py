@@ -68,9 +68,11 @@ class Renaming:
             )
         if former == platform:
             raise InvalidInput(f"{platform}: its present name; expected another one")
+        # a running node would keep the former name in the swarm until its end
         if found.runs:
             asyncio.run(self._refuse_running())
         keyed = found.has_identity
+        # made before the confirmation, so that a node.toml that cannot be edited stops the command early
         text = renamed(
             document.read(found.config_dir / "node.toml"), platform, str(found.config_dir / "node.toml")
         )
@@ -106,6 +108,7 @@ class Renaming:
     def _check_free(self, root_dir: Path | None) -> None:
         roster = current_root(self._out, RootFolder(root_dir)).roster
         taken = roster.find(self._platform)
+        # the same key under the new name is this node: an earlier call was interrupted after the admission
         if taken is not None and taken.sign_public != self._signing():
             raise Conflict(
                 f"{self._platform}: another member of the swarm has this name; expected a free one"
@@ -120,6 +123,7 @@ class Renaming:
             folder = RootFolder(root_dir)
             with folder.locked():
                 root = folder.load()
+                # the new name if an earlier call was interrupted after the admission
                 member = root.roster.find(self._former) or root.roster.find(self._platform)
                 role = "node" if member is None else member.role
                 signed = root.admit(candidate(self._platform, role, self._seed(), root.public))
@@ -163,8 +167,10 @@ def renamed(text: str, platform: str, source: str) -> str:
     """
     before = parse(text, NodeConfig, source)
     after, count = _LINE.subn(rf'\g<key>"{platform}"', text, count=1)
+    # at the top, because below the header of a table it would be a key of that table
     if not count:
         after = f'platform = "{platform}"\n{text}'
+    # the pattern may have matched a key of a table or a text; only the parsed result is certain
     if parse(after, NodeConfig, source) != msgspec.structs.replace(before, platform=platform):
         raise InvalidInput(f"{source}: the line of key platform is not clear; expected a change by hand")
     return after

@@ -51,6 +51,7 @@ class NodeSync(msgspec.Struct, frozen=True):
 
 def node_sync(stats: TreeStats, replica: TreePlatform | None) -> NodeSync:
     """Synchronisation by the node's own counters and the joined node's replica of it (None: it has none)."""
+    # first, since all that the joined node shows of this platform may be outdated
     if replica is not None and replica.followed and replica.digest != stats.digest:
         verdict = SyncVerdict.BEHIND
     elif stats.structures < stats.followed:

@@ -48,6 +48,7 @@ async def list_units(session: Session) -> None:
     found: dict[Address, RouteState | None] = {
         Address(route.platform, route.unit): route for route in (await session.routes()).routes
     }
+    # no route leads to the computer itself
     found[own] = None
     chosen = sorted(
         (address for address in found if address.platform in asked or str(address) in asked),

@@ -64,6 +64,7 @@ def change(
         unset.append("max_hz")
     elif rate is not None:
         kind_of, _, limit = rate.partition(":")
+        # `auto:` without a limit is a typing error, which the parser of rates reports
         is_adaptive = kind_of == AUTO and rate != "auto:"
         found["max_hz"] = _max_hz((limit or "max") if is_adaptive else rate)
         if is_adaptive:
@@ -121,6 +122,7 @@ def effect(request: SetChannel) -> str:
 async def set_channel(session: Session, request: SetChannel, *, yes: bool) -> None:
     """Sets channels and prints all rules. Raises: as `confirm` and `Session.ask`."""
     target = session.platform
+    # before the confirmation: no question about a platform that cannot be asked
     await session.reach(target)
     await session.confirm(yes, effect(request))
     limits = await session.ask(names.join(target, "sys/broker/set_channel"), request, ChannelLimits)
@@ -146,7 +148,9 @@ async def list_channels(session: Session, pattern: str = "**") -> None:
     Raises: as `Session.ask`.
     """
     target, wanted = session.platform, Pattern(pattern)
+    # from the owner: a mirror would show the rules from before the last change
     found = await owned(session, names.join(target, "net/limits"))
+    # the board changes with the rules only, so the remaining times in it are from then
     limits = _after(registry.decode(ChannelLimits, found.data), found.age_s or 0.0)
     states = await session.ask("sys/tree/channels", ListChannels(all=True), ChannelStates)
     shown = tuple(one for one in states.channels if wanted.matches(one.path))

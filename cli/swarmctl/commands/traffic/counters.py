@@ -84,6 +84,7 @@ async def list_counters(session: Session) -> None:
     session.out.text(
         f"refused: {refused}; requests answered: {found.requests}; values received: {found.notifications}"
     )
+    # shown after an overload only, as it explains late values
     if found.slowed_ticks:
         session.out.text(
             f"processor overloaded: beacons {found.slowdown:g} times rarer ({found.slowed_ticks} so far)"

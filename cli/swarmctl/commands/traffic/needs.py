@@ -125,6 +125,7 @@ async def show_needs(session: Session, pattern: str, link: str, stated_bytes_s: 
     target = session.platform
     traffic = await session.ask("sys/broker/traffic", Empty(), Traffic)
     measured = _measured(traffic, link)
+    # a stated capacity wins: it may be of a link that does not exist yet
     capacity_bytes_s = stated_bytes_s if measured is None or stated_bytes_s is not None else measured[0]
     if capacity_bytes_s is None:
         raise NotFound(
@@ -132,6 +133,7 @@ async def show_needs(session: Session, pattern: str, link: str, stated_bytes_s: 
             " frames in datagrams; expected --capacity"
         )
     listed = await pages(session, names.join(target, pattern), target)
+    # without a measured rate nothing can be said about the need
     entries = [one for one in listed.entries if one.kind in VALUED and one.measured_hz]
     if not entries:
         raise NotFound(f"/{target}/{pattern}: matches no resource that is written at a rate")
@@ -146,6 +148,7 @@ async def show_needs(session: Session, pattern: str, link: str, stated_bytes_s: 
     }
     for entry in entries:
         local = names.split(entry.path)[1]
+        # compressed, or never offered to the broker because no other platform subscribes
         if local not in sizes:
             sizes[local] = float(len((await owned(session, entry.path)).data))
     ratios = {one.path: one.coded_bytes / one.plain_bytes for one in states.compressions if one.plain_bytes}

@@ -65,6 +65,7 @@ def rates(platform: str, before: Traffic, now: Traffic) -> TrafficRates:
 
     After a restart of the broker in between, the rates begin at the restart, which reset the counters.
     """
+    # without this the counters of the new process would give negative rates
     if now.since_ns != before.since_ns:
         before = msgspec.structs.replace(
             before, at_ns=now.since_ns, sent_bytes=0, received_bytes=0, channels=(), links=()
@@ -92,6 +93,7 @@ def rates(platform: str, before: Traffic, now: Traffic) -> TrafficRates:
                 waiting_bytes=one.waiting_bytes,
             )
             for one, deltas in carried
+            # a link that sends nothing but has a queue is what an operator looks for
             if any(deltas.values()) or one.waiting_frames
         ],
     )

@@ -92,12 +92,15 @@ class TrafficTop:
             found = [
                 rates(name, before[name], one)
                 for name, one in now.items()
+                # an equal time is the same reading, whose span would be zero
                 if name in before and one.at_ns != before[name].at_ns
             ]
             now_states = await self._states(asked)
             found = [_with_limited(one, before[one.platform].at_ns, states, now_states) for one in found]
+            # a platform that did not answer keeps its older reading, so its next rates span the gap
             before |= now
             states |= now_states
+            # answers without a new reading do not count as a period
             if not found and now:
                 continue
             turn += 1
@@ -117,6 +120,7 @@ class TrafficTop:
         return found
 
     def _sorted(self, found: TrafficRates) -> TrafficRates:
+        # by name first: the next sort is stable, so equal rates do not change places
         channels = sorted(found.channels, key=lambda one: one.channel)
         links = sorted(found.links, key=lambda one: (one.platform, one.transport))
         if self._sort is not SortKey.NAME:

@@ -50,10 +50,12 @@ async def print_log(
     await session.reach(session.platform)
     found = await session.ask(names.join(session.platform, "sys/tree/log"), query, TreeLog)
     logged, more = list(found.changes), found.more
+    # each computer of a platform records the requests that its own tree got
     for other in await session.other_computers(session.platform):
         there = await session.ask(names.join(other, "sys/tree/log"), query, TreeLog)
         logged, more = [*logged, *there.changes], more + there.more
     logged.sort(key=lambda one: one.utc_ns, reverse=True)
+    # each computer has answered with up to `count`, so together they may be too many
     more += len(logged[count:])
     changes = [_recorded(one) for one in logged[:count]]
     if session.settings.structured:
@@ -96,4 +98,5 @@ def _plain(text: str) -> Any:
         found = msgspec.json.decode(text)
     except msgspec.DecodeError:
         return text
+    # a Struct of one field is a list of one item on the wire
     return found[0] if isinstance(found, list) and len(found) == 1 else found

@@ -52,6 +52,7 @@ async def diff(session: Session, one: str, other: str, *, values: bool) -> None:
     if other:
         here, there = await asyncio.gather(_side(session, one, valued), _side(session, other, valued))
     else:
+        # first the file: its pattern names the resources that are compared with it
         here = await _side(session, one, valued)
         other = here.pattern
         there = await _side(session, other, valued)
@@ -68,6 +69,7 @@ async def _side(session: Session, text: str, valued: Container[str]) -> TreeSnap
     """The content of a file, else the present tree of a platform or a pattern."""
     if is_file(text):
         return read_snapshot(text)
+    # a bare word may be a platform, or a resource of the joined node
     bare = not text.startswith("/") and text in await session.platforms()
     return await take_snapshot(session, f"/{text}" if bare else text, valued)
 
@@ -79,6 +81,7 @@ def is_file(text: str) -> bool:
 
 def differences(here: TreeSnapshot, there: TreeSnapshot, *, values: bool) -> list[TreeDifference]:
     """Differences in natural order of paths, which are local if two different platforms are compared."""
+    # otherwise every path of two platforms would differ by its first segment
     local = len(here.platforms) == len(there.platforms) == 1 and here.platforms != there.platforms
     left, right = _by_path(here, local=local), _by_path(there, local=local)
     found: list[TreeDifference] = []
@@ -109,6 +112,7 @@ def _same(one: Any, other: Any) -> bool:
 
 def _canonical(value: Any) -> Any:
     if isinstance(value, dict):
+        # TOML has no null, so a dump leaves such keys out
         return {key: _canonical(item) for key, item in value.items() if item is not None}
     if isinstance(value, list | tuple):
         return ["" if item is None else _canonical(item) for item in value]

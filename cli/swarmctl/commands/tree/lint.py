@@ -93,6 +93,7 @@ def descriptor_findings(where: str, local: str, one: Descriptor) -> Iterator[Tre
         if not _SEGMENT.match(segment):
             yield error(f"name {segment!r}: expected lower-case words with underscores")
     places = PLACES.get(one.kind, ())
+    # a warning only, as the tree serves it at any path
     if places and local.partition("/")[0] not in places:
         yield warning(f"a {one.kind} outside {' and '.join(f'{place}/' for place in places)}")
     if one.unit not in KNOWN_UNITS:

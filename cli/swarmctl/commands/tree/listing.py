@@ -57,6 +57,7 @@ async def watch_resources(session: Session, pattern: str, count: int | None) -> 
     from swarmctl.resources.live_view import LiveView  # a list that is printed once has no keys
 
     async def draw() -> str:
+        # routes are requested once per session, and a platform may come or go between two drawings
         session.renew()
         found = await at_owners(session, await listing(session, pattern))
         if session.settings.structured:

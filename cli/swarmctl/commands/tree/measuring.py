@@ -92,6 +92,7 @@ async def measure(session: Session, pattern: str, duration_s: float) -> Measurem
     """
     found = Measurement(session, await valued(session, pattern))
     counters = OwnerCounters(session, found.entries)
+    # before the subscription, so that the readings enclose the window
     await counters.begin()
     news = await ValueSubscription.open(session, found.entries)
     loop = asyncio.get_running_loop()
@@ -99,6 +100,7 @@ async def measure(session: Session, pattern: str, duration_s: float) -> Measurem
     try:
         async with asyncio.timeout(session.settings.timeout_s + duration_s) as window:
             async for new in news:
+                # the value that a board had before has no time of arrival
                 if not new.arrived:
                     continue
                 if not began:  # the subscription takes time, so the window begins with the first value
@@ -166,6 +168,7 @@ async def print_bandwidths(session: Session, pattern: str, duration_s: float) ->
     widths = []
     for entry, meter in _measured(found):
         sizes, hz = meter.sizes_bytes, meter.written_hz
+        # estimated: values that were left out on the way have the mean size of the others
         written = None if sizes is None or hz is None else sizes.mean * hz
         widths.append(
             MeasuredBandwidth(entry.path, len(meter), meter.span_s, written, meter.bytes_per_s, sizes)

@@ -36,6 +36,7 @@ async def set_rule(
         reset,
     )
     target = session.platform
+    # before the confirmation: no question about a platform that cannot be asked
     await session.reach(target)
     await session.confirm(yes, _effect(request))
     found = await session.ask(names.join(target, "sys/tree/rule"), request, TreeRules)
@@ -86,6 +87,7 @@ async def _warn_of_channels(session: Session, request: TreeRule, paths: list[str
         return
     board = await owned(session, names.join(session.platform, "net/limits"))
     limits = registry.decode(ChannelLimits, board.data).limits
+    # rules of files give way to a tree rule, and rules for one receiver concern the others not
     rules = [rule for rule in limits if not rule.from_file and not rule.link]
     if preceded := [path for path in paths if rate_rule(rules, path) is not None]:
         session.out.warn(

@@ -95,6 +95,7 @@ class DirectedLink:
             return None
         if set_.rate_bit_s:
             waiting_ns = max(0, self._free_ns - at_ns)
+            # the queue in bytes follows from the time that it needs at this rate
             if waiting_ns * set_.rate_bit_s / 8e9 + size > SHAPER_BYTES:
                 self.drop(DropReason.QUEUE)
                 return None
@@ -114,6 +115,7 @@ class DirectedLink:
             return False
         self.frames += 1
         self.bytes += size
+        # the first frame sets the mean, which would otherwise rise from zero for many frames
         weight = DELAY_WEIGHT if self.frames > 1 else 1.0
         self.mean_delay_s += weight * (delay_s - self.mean_delay_s)
         return True

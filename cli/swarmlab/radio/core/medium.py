@@ -48,6 +48,7 @@ class Medium:
         ready = [
             (self._start_ns(sender), self._queues[sender][0].since_ns, sender) for sender in self._waiting
         ]
+        # the oldest frame among those that may start: with equal starts `since_ns` decides
         if not ready or min(ready)[0] > now_ns:
             return None
         start_ns, _, sender = min(ready)

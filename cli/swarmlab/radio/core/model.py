@@ -85,6 +85,7 @@ class RadioModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
             distances = [point.distance_m for point in curve]
             if sorted(set(distances)) != distances:
                 raise InvalidInput(f"{name}: distances {distances}; expected ascending ones")
+        # one curve alone would give the other kind of links an unlimited range
         if bool(self.ground) != bool(self.air):
             raise InvalidInput("ground, air: only one has points; expected both, or neither (no limit)")
         if self.trace is not None and self.ground:
@@ -120,6 +121,7 @@ class Propagation:
     def quality(self, distance_m: float, elapsed_s: float, *, flies: bool) -> RadioQuality:
         """Quality of a link of this length; `flies`: one of its ends does; `elapsed_s`: since the start."""
         if self._by_time:
+            # the last row stays in force after the end of the recording
             row = self._by_time[max(0, bisect_right(self._times_s, elapsed_s) - 1)]
             return RadioQuality(distance_m, row.rate_bit_s, row.loss_ratio)
         curve = self._air if flies else self._ground
@@ -148,6 +150,7 @@ def _at(curve: tuple[CurvePoint, ...], distance_m: float) -> RadioQuality:
     if after == 0:
         return RadioQuality(distance_m, curve[0].rate_bit_s, curve[0].loss_ratio)
     near = curve[after - 1]
+    # beyond the last point nothing arrives, at the point itself its own loss holds
     if after == len(curve):
         loss = near.loss_ratio if distance_m == near.distance_m else OUT_OF_RANGE
         return RadioQuality(distance_m, near.rate_bit_s, loss)

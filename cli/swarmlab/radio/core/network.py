@@ -123,6 +123,7 @@ class RadioCore:
         receivers = self._receivers(sender, data)
         wired = self._wired[sender]
         for receiver in receivers:
+            # a wire has no airtime, queue or loss by distance
             if receiver in wired:
                 self._arrive(receiver, frame, now_ns)
         radio = [receiver for receiver in receivers if receiver not in wired]
@@ -135,6 +136,7 @@ class RadioCore:
         """Nodes have moved; those that are not named have not."""
         for node, position in positions.items():
             self._positions[node] = position
+        # a move changes the quality of all links of a node, in both directions
         self._qualities.clear()
         return self.on_timer(now_ns)
 
@@ -196,12 +198,14 @@ class RadioCore:
         wired = self._wired[sender]
         receivers = [node for node in self._receivers(sender, frame.data) if node not in wired]
         if frame.data[0] & _GROUP_BIT:
+            # sent once at the basic rate, and lost by each receiver on its own: nothing acknowledges it
             end_ns = start_ns + self._airtime_ns(frame, model.multicast_rate_bit_s)
             arrived = [node for node in receivers if self._transmissions(sender, node, row[node], 1)]
         else:
             (receiver,) = receivers
             limit = model.retries + 1
             made = self._transmissions(sender, receiver, row[receiver], limit)
+            # a lost frame occupies the air for all its repetitions
             end_ns = start_ns + (made or limit) * self._airtime_ns(frame, row[receiver].rate_bit_s)
             arrived = receivers if made else []
         near = [node for node, quality in enumerate(row) if quality.in_range] if model.shared_air else []
@@ -226,10 +230,12 @@ class RadioCore:
     def _arrive(self, receiver: int, frame: WaitingFrame, at_ns: int) -> None:
         arrival_ns = self._links[frame.sender][receiver].arrival_ns(len(frame.data), at_ns)
         if arrival_ns is not None:
+            # frames that arrive at the same instant stay in their order, and the heap never compares frames
             self._order += 1
             heapq.heappush(self._due, (arrival_ns, self._order, receiver, frame))
 
     def _quality(self, sender: int, now_ns: int) -> list[RadioQuality]:
+        # kept until a node moves, since each frame asks for it
         row = self._qualities.get(sender)
         if row is None:
             here, elapsed_s = self._positions[sender], (now_ns - self._start_ns) / 1e9
