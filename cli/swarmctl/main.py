@@ -147,6 +147,7 @@ def main(args: list[str] | None = None) -> int:
     """Runs one command; every error becomes one line on stderr and an exit code (share/doc/cli.md)."""
     _open_closed_streams()
     if _COMPLETE in os.environ:
+        # click answers the shell and exits
         cli.main(args, prog_name=_NAME, complete_var=_COMPLETE)
     words = sys.argv[1:] if args is None else args
     try:
@@ -173,6 +174,7 @@ def main(args: list[str] | None = None) -> int:
     except SwarmError as error:
         return _report(words, error)
     except ExceptionGroup as group:
+        # from a TaskGroup: the operator gets one error, not a tree of them
         return _report(words, _first(group))
     except OSError as error:
         place = _place(error)

@@ -108,6 +108,7 @@ def field_values(ctx: click.Context, param: click.Parameter, incomplete: str) ->
     """Words `field=value` for the type of the argument `path`; bash splits them at the equals sign."""
     known = _fields(ctx, str(ctx.params.get("path", "")))
     given = [str(word) for word in ctx.params.get(param.name or "") or ()]
+    # bash passes `field=` as the words `field` and `=`, or as `field` and an empty word
     if given and given[-1] in known and not incomplete:
         return known[given[-1]]
     if len(given) > 1 and given[-1] == "=":

@@ -56,6 +56,7 @@ def save(
     kept = {row.path: row for row in same if row.kind == KEY or row.path.split("/", 2)[1] not in gone}
     kept |= {row.path: row for row in listed}
     names, rows = list(platforms), list(kept.values())
+    # an unchanged list is not written: most commands list the same again
     if (before, known, old) != (way, names, rows):
         _write(way, names, rows)
 

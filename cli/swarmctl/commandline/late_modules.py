@@ -61,9 +61,11 @@ class LateModule(ModuleType):
     """Stands for a module until a name is used that not every command uses."""
 
     def __getattr__(self, name: str) -> object:
+        # the import system looks up such names in any module, which must not load this one
         if name.startswith("__"):
             raise AttributeError(name)
         if sys.modules.get(self.__name__) is self:
+            # removed first, or the import below would find this stand-in
             del sys.modules[self.__name__]
         return getattr(import_module(self.__name__), name)
 
@@ -96,4 +98,5 @@ def late_modules() -> Iterator[None]:
         yield
     finally:
         if "uuid" in late:
+            # click has its base class by now; a later use needs the real class
             del vars(late["uuid"])["UUID"]

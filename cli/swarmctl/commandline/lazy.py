@@ -64,6 +64,7 @@ class Command(click.Command):
                 f"--node {selected!r}: this command acts through one node; expected its name", ctx
             )
         if self.nodes is not Nodes.NONE:
+            # without `ssl`, which no command uses and whose import would delay each of them
             import_without_tls("asyncio")
         return super().invoke(ctx)
 

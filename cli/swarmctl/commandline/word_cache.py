@@ -69,11 +69,13 @@ def save(
     known = before if before.way == way else empty(way)
     merged = CachedWords(
         way,
+        # the newest stay
         dict(list({**known.types, **(types or {})}.items())[-LIMIT:]),
         {**known.fields, **(fields or {})},
         known.missions if missions is None else list(missions),
         {**known.hints, **(hints or {})},
     )
+    # most commands meet the same words again
     if merged == before:
         return
     target = file()

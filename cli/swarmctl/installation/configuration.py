@@ -64,6 +64,7 @@ def host_node(shipped: Path, config_dir: Path, choice: NodeChoice) -> HostNode:
     files = {
         str(path.relative_to(shipped)): path.read_bytes()
         for path in sorted(shipped.rglob("*.toml"))
+        # an existing file may have an operator's changes, and is never replaced
         if not (config_dir / path.relative_to(shipped)).exists()
     }
     if NODE_FILE in files:
@@ -74,6 +75,7 @@ def host_node(shipped: Path, config_dir: Path, choice: NodeChoice) -> HostNode:
         node = load_node(config_dir)
         _check(choice, node, config_dir / NODE_FILE)
     single = _single_unit(files, config_dir, choice, node)
+    # the driver of the simulation would wait for a service that does not run
     if HAL_FILE in files and SIMULATION not in node.services:
         drivers = document.toml(document.text(files[HAL_FILE], HAL_FILE), HAL_FILE)["drivers"]
         kept = [name for name in drivers if name != SIMULATION]
@@ -91,6 +93,7 @@ def with_keys(text: bytes, keys: dict[str, Any], source: str) -> bytes:
         line = f"{key} = {json.dumps(value)}"
         found = re.sub(rf"(?m)^{key} = .*$", lambda _match, line=line: line, found, count=1)  # type: ignore[misc]
     read = document.toml(found, source)
+    # the edit was textual, so only parsing shows whether it did what it should
     if missing := [key for key, value in keys.items() if read.get(key) != value]:
         raise ConfigError(
             f"{source}: no line `{missing[0]} = …`; expected the shipped file, which has every key"
@@ -103,6 +106,7 @@ def _node_keys(shipped: bytes, choice: NodeChoice) -> dict[str, Any]:
     if not choice.platform:
         raise InvalidInput("no node.toml on this host; expected --name with the name of the platform")
     check_platform(choice.platform)
+    # `uav3` is a uav unless --kind says otherwise
     kind = choice.kind or choice.platform.rstrip("0123456789_")
     if kind not in TEMPLATES:
         raise InvalidInput(

@@ -103,6 +103,7 @@ class Host:
         if not units or not self.place(str(SYSTEMD)).is_dir():
             return {}
         done = subprocess.run(["systemctl", "is-active", *units], capture_output=True, text=True, check=False)
+        # not strict, as systemctl prints fewer lines when it cannot reach systemd
         return dict(zip(units, done.stdout.split(), strict=False))
 
     def _below(self, folder: str) -> Iterator[Path]:
@@ -137,6 +138,7 @@ class Host:
                 path.unlink(missing_ok=True)
                 path.symlink_to(step.content.decode())
             case StepAction.REMOVE:
+                # a link to a folder is removed, never the content of its target
                 if path.is_dir() and not path.is_symlink():
                     shutil.rmtree(path)
                 else:

@@ -48,6 +48,7 @@ class InstalledPackage(NamedTuple):
                     f"{folder}: the daemons cannot read it, because their units hide {', '.join(HIDDEN)};"
                     " expected an environment elsewhere, such as /opt/swarm"
                 )
+            # one closed parent is enough to hide the programs from the daemons' user
             closed = next(
                 (one for one in (resolved, *resolved.parents) if not one.stat().st_mode & 0o001), None
             )

@@ -63,6 +63,7 @@ def _programs(host: Host, package: InstalledPackage) -> Iterator[HostStep]:
         path, target = f"{BIN}/{name}", str(package.programs / name)
         if target == path or host.link(path) == target:
             continue
+        # a link of a former installation is replaced, a file is not ours
         if host.exists(path) and host.link(path) is None:
             raise Conflict(f"{path}: a file of another installation; expected no file, or a link to {target}")
         yield link(path, target, "program")
@@ -73,6 +74,7 @@ def _user(host: Host, package: InstalledPackage) -> Iterator[HostStep]:
     changed = host.content(SYSUSERS) != content
     if changed:
         yield write(SYSUSERS, content, "user of the daemons")
+    # also after a removed user: the file alone does not create it
     if changed or host.user(SERVICE_USER) is None:
         yield run("user of the daemons", "systemd-sysusers", "swarm.conf")
 
@@ -115,6 +117,7 @@ def _units(host: Host, package: InstalledPackage, node: HostNode, *, start: bool
     if changed:
         yield run("read the units", "systemctl", "daemon-reload")
     wanted, enabled = units_of(node), enabled_units(host)
+    # disabled first, since the single unit and the units of services exclude each other
     if unwanted := [unit for unit in enabled if unit not in wanted]:
         yield run("not in node.toml", "systemctl", "disable", "--quiet", "--now", *unwanted)
     if missing := [unit for unit in wanted if unit not in enabled]:
@@ -142,6 +145,7 @@ def _removal(host: Host, package: InstalledPackage, data_dir: str, *, purge: boo
     files = [f"{UNITS}/{name}" for name in UNIT_FILES if host.exists(f"{UNITS}/{name}")]
     if files:
         yield run("ends the node", "systemctl", "stop", "swarm.target", "swarmd@*.service", WHOLE)
+    # drop-ins of systemctl edit would apply to a later installation
     files += host.matches(UNITS, "swarmd@*.service.d") + host.matches(UNITS, "swarm-node.service.d")
     yield from (remove(path, "unit") for path in files)
     if files:
@@ -171,6 +175,7 @@ def start_unit(unit: str, config_dir: Path, host: Host | None = None) -> None:
     """
     host = host or Host()
     host.check_ready("fleet up")
+    # a unit of the operator's own, of which nothing else is known
     if unit not in {TARGET, WHOLE} or str(config_dir) != CONFIG:
         host.run(["systemctl", "enable", unit])
         host.run(["systemctl", "start", unit])

@@ -62,10 +62,12 @@ def write_mcap(
             content = viewer_value(entry.content())
         except RecursionError:
             lost.add(f"{entry.type or 'value'}, nested too deep")
+            # the message stays, with its time and sequence
             content = {}
         sent = {
             "log_time": _time(entry.utc_ns),
             "publish_time": _time(entry.sent_utc_ns or entry.utc_ns),
+            # a sequence of MCAP has 32 bits
             "sequence": entry.sequence & 0xFFFFFFFF,
         }
         channel = topics.channel(entry.topic, entry.type, entry.description)

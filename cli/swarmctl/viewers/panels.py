@@ -119,6 +119,7 @@ def _location(platform: str, fix: GnssFix, stamp: dict[str, int]) -> dict[str, A
 def _scan(scan: Range) -> "array[float]":
     points = array("f")
     for index, range_m in enumerate(scan.ranges_m):
+        # 0 and the maximum mean that there was no echo
         if 0 < range_m < scan.max_m:
             angle = scan.angle_min_rad + index * scan.angle_step_rad
             points.extend((range_m * math.cos(angle), range_m * math.sin(angle), 0.0))
@@ -127,6 +128,7 @@ def _scan(scan: Range) -> "array[float]":
 
 def _cloud(frame: str, points: "array[float]", stamp: dict[str, int]) -> dict[str, Any]:
     size = points.itemsize
+    # Foxglove reads little-endian numbers
     if struct.pack("=H", 1) != struct.pack("<H", 1):
         points.byteswap()
     return {
@@ -166,6 +168,7 @@ def _packet(data: bytes) -> "array[float]":
                 elevation = math.radians(_ELEVATION_DEG[laser % 16])
                 level_m = distance * _RANGE_M * math.cos(elevation)
                 height_m = distance * _RANGE_M * math.sin(elevation)
+                # the azimuth of a VLP-16 is clockwise, so y to the left is negative
                 points.extend((level_m * math.cos(angle), -level_m * math.sin(angle), height_m))
     return points
 

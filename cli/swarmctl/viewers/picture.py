@@ -51,6 +51,7 @@ def draw_topology(axes: Any, nodes: Mapping[str, str], links: Iterable[DrawnLink
     place = circle(list(nodes))
     for link in links:
         (x0, y0), (x1, y1) = place[link.a], place[link.b]
+        # never invisible: a link that loses all datagrams is still known
         strength = _FAINTEST + (_DARKEST - _FAINTEST) * min(max(link.quality, 0.0), 1.0)
         style = "-" if link.both else "--"
         axes.plot([x0, x1], [y0, y1], color=_LINE, alpha=strength, linewidth=1, linestyle=style, zorder=1)

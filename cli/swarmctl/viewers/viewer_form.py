@@ -29,6 +29,7 @@ def _plain(node: dict[str, Any], defs: dict[str, Any], above: tuple[str, ...]) -
     """The schema without references; None when it has no single type."""
     if "$ref" in node:
         name = node["$ref"].removeprefix("#/$defs/")
+        # a type that contains itself has no schema without references
         return None if name in above else _plain(defs[name], defs, (*above, name))
     if "anyOf" in node:
         options = [_plain(one, defs, above) for one in node["anyOf"] if one != {"type": "null"}]
@@ -47,6 +48,7 @@ def _plain(node: dict[str, Any], defs: dict[str, Any], above: tuple[str, ...]) -
         case "array":
             items = [_plain(one, defs, above) for one in node.get("prefixItems", [node.get("items", {})])]
             first = items[0] if items else None
+            # viewers plot arrays of one type and one dimension only
             if first is None or first["type"] == "array" or any(one != first for one in items):
                 return None
             return {"type": "array", "items": first}

@@ -60,9 +60,11 @@ def _parts(uri: str) -> tuple[DatabaseServer | None, str, str, list[str]]:
     if found is None or "," in hosts:
         raise _refusal(uri, "needs several connections", "one host, as mongodb://host:port")
     options = [one for one in re.split("[&;]", found["options"] or "") if one]
+    # namespaces share the file system, so a socket needs no gateway
     if unquote(hosts).endswith(".sock"):
         return None, "", "", []
     enabled = {_name(one) for one in options if one.lower().endswith("=true")}
+    # the driver would compare the certificate with the path of the socket
     if enabled & {"tls", "ssl"} and not enabled & set(_UNNAMED):
         raise _refusal(uri, "has a certificate for a name", "no TLS, or tlsAllowInvalidHostnames=true")
     try:

@@ -39,6 +39,7 @@ def write_node(lab: LabState, node: LabNode, keys: Path) -> None:
     """Writes the files of a node; `keys`: folder with the keys of all platforms."""
     for directory in (node.config_dir / "services", node.run_dir, node.data_dir):
         directory.mkdir(mode=0o700, parents=True)
+    # shared memory of a killed lab with the same name would be read as this one's
     shutil.rmtree(node.shm_dir, ignore_errors=True)
     Path(node.shm_dir).mkdir(mode=0o700)
     address = Address.parse(node.platform)

@@ -65,6 +65,7 @@ def clock_of(member: PlannedNode, unit: str, seed: int) -> tuple[float, float]:
     """Offset in s and drift in ppm of the clock of one computer of a platform."""
     if unit == MAIN:
         return member.offset_s, member.drift_ppm
+    # a generator of its own: distributing a vehicle does not change the clocks of the others
     return _clock(random.Random(f"clock {seed} {Address(member.platform, unit)}"))
 
 

@@ -51,6 +51,7 @@ async def list_applications(session: Session) -> None:
     """
     several = is_selection(session.settings.node)
     asked = await session.selected() if several else [session.platform]
+    # one register has all platforms, so for several of them the joined node's is enough
     register = await _register(session, session.here if several else session.platform)
     units = [unit for unit in register.units if unit.table.platform in asked]
     there = {unit.table.platform for unit in units}
@@ -58,6 +59,7 @@ async def list_applications(session: Session) -> None:
         raise NotFound(
             f"register of {', '.join(asked)}: not known here; expected a table of its register daemon"
         )
+    # errors are left out: a node without a guard still has applications
     statuses, _ = await ask_all(session, asked, "sys/guard/status", Empty(), GuardStatus)
     stopped = [
         StoppedService(name, one.name, one.stopped_by)

@@ -34,6 +34,7 @@ async def stop(session: Session, wanted: tuple[str, ...], wait_s: float, *, yes:
     """
     status = await _status(session, wanted)
     for name in wanted:
+        # before the confirmation, and for all names before the first is stopped
         if why := status.why_not_stopped(name):
             raise Denied(f"{session.platform}: {why}")
     armed = await is_armed(session) and not GROUNDED.issuperset(wanted)
@@ -65,6 +66,7 @@ async def start(session: Session, wanted: tuple[str, ...], wait_s: float) -> Non
 async def _status(session: Session, wanted: tuple[str, ...]) -> GuardStatus:
     status = await session.ask("sys/guard/status", Empty(), GuardStatus)
     known = [one.name for one in status.services]
+    # the unstoppable ones are refused later with their own reason
     if unknown := [name for name in wanted if name not in known and name not in UNSTOPPABLE]:
         raise NotFound(
             f"service {unknown[0]!r} of {session.platform}: not under its guard;"

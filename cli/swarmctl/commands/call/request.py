@@ -41,6 +41,7 @@ async def call_resource(session: Session, path: str, words: tuple[str, ...], *, 
         raise InvalidInput(f"{entry.path}: a {entry.kind}; expected a command (`swarmctl {other} it)")
     platform = split(entry.path)[0] or session.here
     request = entered(await known_class(session, platform, entry.type), words, entry.path)
+    # before the confirmation: no question about a request that will be refused
     check_limits(entry, request, entry.path)
     reply = await known_class(session, platform, entry.reply) if entry.reply else None
     await session.confirm(yes, entry.confirm and f"call {split(entry.path)[1]}: {entry.confirm}")
@@ -65,6 +66,7 @@ async def _send(session: Session, path: str, value: msgspec.Struct) -> str:
     """
     await session.reach(split(path)[0] or session.here)
     outcome = await session.module.send(path, value, timeout_s=session.settings.timeout_s)
+    # a refusal is an answer, so it has another exit code than silence
     if outcome.status is Status.REFUSED:
         raise Denied(f"{path}: {outcome}")
     if not outcome:

@@ -156,7 +156,7 @@ def raw_terminal() -> Iterator[int]:
     # without a signal: Ctrl-C must release the vehicle first
     raw[6][termios.VINTR] = b"\x00"
     termios.tcsetattr(descriptor, termios.TCSADRAIN, raw)
-    # without the focus a held key would never be seen released
+    # a lost focus stops the vehicle at once, before the time of a held key is over
     sys.stderr.write(_FOCUS[0])
     sys.stderr.flush()
     try:

@@ -47,8 +47,7 @@ async def send_file(session: Session, file: Path, name: str, give_up_s: float) -
                 bulk=True,
             )
 
-        # the node states at most RANGES_MAX gaps, and a failed check of the whole file asks for blocks
-        # again
+        # again, since the node states at most RANGES_MAX gaps in one answer
         while True:
             timeout_s = min(give_up_s, SLOW_TIMEOUT_S)
             state = await session.ask("sys/files/offer", offer, FileProgress, timeout_s=timeout_s)

@@ -46,10 +46,12 @@ async def calibrate_sensor(
 ) -> None:
     """Calibrates the inertial unit; the vehicle refuses unless it is disarmed and at rest."""
     await session.reach(platform)
+    # from a compass, clockwise from north, to the map, counter-clockwise from east
     heading_rad = None if heading_deg is None else math.radians(90.0 - heading_deg)
     request = SensorCalibration(platform, SensorCalibrationKind(kind), heading_rad, driver)
     if kind != SensorCalibrationKind.RESET:
         session.out.say(f"{platform}: do not move it for {WINDOW_S:g} s")
+    # the answer comes after the window of samples
     wait_s = WINDOW_S + session.settings.timeout_s
     found = await session.ask(names.join(platform, SENSOR_PATH), request, SensorCalibrated, timeout_s=wait_s)
     if session.settings.structured:

@@ -81,6 +81,7 @@ async def _readiness(session: Session, platform: str) -> TreeValue | SwarmError 
         return error
     try:
         return await newest(session, names.join(platform, PATH))
+    # the platform has no monitor, which is a different result from no answer
     except NotFound:
         return None
     except SwarmError as error:
@@ -94,6 +95,7 @@ def _row(platform: str, found: TreeValue | SwarmError | None) -> VehicleReadines
         absent = NotReady("health", f"no {PATH}; expected it of the service health")
         return VehicleReadiness(platform, None, (absent,))
     value = registry.decode(Readiness, found.data)
+    # a stale `ready` must not permit arming: its monitor may have ended
     old = found.age_s is not None and found.age_s > FRESH_S
     if old or found.quality is Quality.LOST:
         stale = NotReady("health", f"no {PATH} for {found.age_s or 0.0:.0f} s")

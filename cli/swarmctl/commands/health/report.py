@@ -135,6 +135,7 @@ async def clear_faults(session: Session, pattern: str, *, yes: bool) -> None:
     """
     await session.confirm(yes, f"clear the faults that match {pattern}")
     cleared = await session.ask("sys/health/clear", FaultClear(pattern), FaultList)
+    # to clear all faults of a node without faults is not an error
     if not cleared.faults and pattern != "**":
         raise NotFound(f"{cleared.platform}: no fault matches {pattern}; `health faults` lists them")
     if session.settings.structured:

@@ -46,6 +46,7 @@ def install_node(
     and ConfigError for the configuration; SwarmError when a program failed, OSError.
     """
     host, package = Host(), InstalledPackage.find()
+    # a dry run needs neither root nor systemd
     if not dry_run:
         host.check_ready("host install")
         package.check_visible()

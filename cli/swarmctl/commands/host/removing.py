@@ -26,6 +26,7 @@ def remove_node(out: Output, *, purge: bool, force: bool, yes: bool, dry_run: bo
     host, package = Host(), InstalledPackage.find()
     node = load_node(Path(CONFIG)) if (Path(CONFIG) / "node.toml").exists() else None
     platform = node.platform if node is not None else ""
+    # without a node.toml the default folder may still have data of an earlier node
     steps = removal_steps(host, package, node.data_dir if node is not None else "/var/lib/swarm", purge=purge)
     if not dry_run:
         host.check_ready("host uninstall")
@@ -44,6 +45,7 @@ def check_disarmed(out: Output, node: NodeConfig) -> None:
 
     Raises: Denied for an armed vehicle, and for a vehicle that runs and does not answer.
     """
+    # only a running vehicle can be in the air
     if node.kind not in VEHICLES or not populated(node.run_path):
         return
 

@@ -79,6 +79,7 @@ def make_scaffold(kind: str, name: str, parent: Path, out: Output) -> None:
     if not parent.is_dir():
         raise NotFound(f"folder {parent}: not found; expected one in which {name} is made")
     folder = parent / name
+    # `exists` is false for a link without a target, through which the folder would be made elsewhere
     if folder.exists() or folder.is_symlink():
         raise Conflict(f"{folder}: exists; expected a new name, or another folder with --dir")
     _check_free(kind, name)

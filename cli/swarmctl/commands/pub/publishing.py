@@ -56,6 +56,7 @@ async def publish(session: Session, path: str, wanted: ValuesToPublish, *, yes: 
     """
     full = names.check_path(session.path(path))
     platform, local = names.split(full)
+    # a resource belongs to a process on its own node, and this command runs on the joined one
     if platform != session.here:
         raise Denied(
             f"{full}: of another node; expected a path of {session.here}, or --config with the folder of the"
@@ -147,10 +148,12 @@ async def _repeat(
     values = 0
     try:
         while values != count:
+            # from the begin, so that delays of single values do not add up
             await until(clock, began_ns + round(values * period_ns))
             writer.write(value)
             last_ns = clock.now_ns()
             values += 1
+        # the resource ends with the process, and others need time to receive its value
         await until(clock, last_ns + round(wanted.hold_s * 1e9))
     finally:
         resource = writer.resource

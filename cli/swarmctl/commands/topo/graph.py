@@ -38,6 +38,7 @@ def edges(answers: Mapping[str, Neighbours]) -> list[TopologyEdge]:
     out = []
     pairs = {tuple(sorted(pair, key=names.natural)) for pair in received}
     for a, b in sorted(pairs, key=lambda pair: (names.natural(pair[0]), names.natural(pair[1]))):
+        # a node that did not answer leaves one side, whose own figures then count for both directions
         at_a, at_b = received.get((a, b)), received.get((b, a))
         one = at_a or at_b
         assert one is not None
@@ -60,6 +61,7 @@ def between_platforms(found: list[TopologyEdge]) -> list[TopologyEdge]:
     for edge in found:
         a, b = names.platform_of(edge.a), names.platform_of(edge.b)
         known = best.get((a, b))
+        # a platform is reached by the best link of any of its computers
         if a != b and (known is None or _rank(edge) < _rank(known)):
             best[a, b] = msgspec.structs.replace(edge, a=a, b=b)
     return list(best.values())

@@ -42,6 +42,7 @@ def draw_map(
     for link in links:
         if link.a in at and link.b in at:
             _draw_line(cells, at[link.a], at[link.b], LINK if link.both else ONE_WAY)
+    # after the lines, which may end in the same cell
     for column, row in at.values():
         cells[row][column] = MARK
     for name, (column, row) in at.items():
@@ -71,6 +72,7 @@ def _draw_line(cells: list[list[str]], one: tuple[int, int], other: tuple[int, i
     for step in range(1, steps):
         column = round(one[0] + (other[0] - one[0]) * step / steps)
         row = round(one[1] + (other[1] - one[1]) * step / steps)
+        # a line never covers a mark or an earlier line, so that all nodes stay visible
         if cells[row][column] == " ":
             cells[row][column] = mark
 

@@ -93,6 +93,7 @@ async def watch_topology(session: Session, count: int | None) -> None:
             return ""
         return map_text(found, session.out.width or MAP_COLUMNS, session.out.height or MAP_LINES)
 
+    # before the first drawing: a name that matches no node is an error, not an empty map
     await session.selected()
     await LiveView(session, draw).run(count)
 

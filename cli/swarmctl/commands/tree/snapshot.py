@@ -79,6 +79,7 @@ async def take_snapshot(session: Session, pattern: str, valued: Container[str] =
     found = await listing(session, pattern)
     paths = [entry.path for entry in found.entries if entry.kind in valued]
     values: dict[str, Any] = {}
+    # in portions, since each value may be a request to its owner
     for begin in range(0, len(paths), AT_ONCE):
         readings, _ = await read_all(session, paths[begin : begin + AT_ONCE])
         values |= {reading.path: reading.value for reading in readings}
@@ -124,6 +125,7 @@ def snapshot_bytes(found: TreeSnapshot, *, as_json: bool = False) -> bytes:
 
 def _short(resource: dict[str, Any]) -> dict[str, Any]:
     """A resource without its empty fields, because TOML has no null."""
+    # a value stays even if it is 0 or "", which differs from none
     kept = {key: value for key, value in resource.items() if key == "value" or value not in ("", None, [], 0)}
     if kept.get("access") == "r":
         del kept["access"]
@@ -134,6 +136,7 @@ def _without_null(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _without_null(item) for key, item in value.items() if item is not None}
     if isinstance(value, list):
+        # an item cannot be left out, since the others would take its place
         return ["" if item is None else _without_null(item) for item in value]
     return value
 
@@ -148,6 +151,7 @@ def read_snapshot(file: str) -> TreeSnapshot:
         if data.lstrip()[:1] in (b"{", "{"):
             raw = msgspec.json.decode(data)
         else:
+            # a measured value may be nan or inf, unlike a setting
             raw = document.toml(data, file, finite=False)
         found = msgspec.convert(raw, TreeSnapshot)
     except (msgspec.DecodeError, msgspec.ValidationError) as error:
@@ -170,6 +174,7 @@ async def load(session: Session, file: str, *, yes: bool) -> None:
     Raises: ConfigError for a file that is not a dump, InvalidInput for a value that does not fit or a dump
     without settings, NotFound for a setting that does not exist; as `confirm`, `set_all`.
     """
+    # without a selection each value goes to the platform from which it was dumped
     there = await session.selected() if session.settings.node else []
     wanted = _targets(session, read_snapshot(file), file, there)
     entries = await _settings_of(session, wanted)
@@ -178,6 +183,7 @@ async def load(session: Session, file: str, *, yes: bool) -> None:
     # all values before the first is set, so that an invalid file changes nothing
     for path, value in wanted.items():
         check(file, path, entries[path], value)
+    # the present values are needed to undo the changes after a refusal
     readings, errors = await read_all(session, list(wanted), fresh=True)
     if errors:
         raise errors[0]

@@ -68,6 +68,7 @@ async def print_type(session: Session, name: str) -> None:
         if not wanted:
             raise NotFound(f"{entry.path}: a {entry.kind} has no type; expected a resource with a value")
         found = [await described(session, platform, type_name) for type_name in wanted]
+    # request and reply may have types in common
     structs = {one.name: one for description in found for one in description.structs}
     if session.settings.structured:
         session.out.document(ShownTypes([_shown(one, entry) for one in structs.values()], entry))

@@ -57,6 +57,7 @@ async def print_changes(
     news = await ValueSubscription.open(session, entries, history=history)
     meters = {e.path: RateMeter(WINDOW_S, numbered=is_numbered(session, e)) for e in entries}
     session.module.start(_count(session, entries, meters), "count at the owners")
+    # resources whose thinning was explained: once is enough
     explained: set[str] = set()
     printed = 0
     async for new in news:

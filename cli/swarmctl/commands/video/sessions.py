@@ -39,6 +39,7 @@ async def start(
     is_platform = ":" not in to
     if description is not None and is_platform:
         raise InvalidInput(f"--sdp {description}: {to} is a platform; expected --to HOST:PORT")
+    # a standard receiver is not a node, so no route shows whether it is reachable
     if is_platform:
         await session.reach(to)
     request = VideoStart(source, to, max_bit_s, pinned)
@@ -47,6 +48,7 @@ async def start(
         try:
             await asyncio.to_thread(description.write_text, found.sdp)
         except OSError as error:
+            # not an error: the camera is sent, and the description is in `video ls`
             session.out.warn(f"{description}: {error.strerror}; the session runs")
     if session.settings.structured:
         session.out.document(found)

@@ -52,6 +52,7 @@ class ConditionWatch:
 
         Raises: InvalidInput with the column for a field or a value that the type never has.
         """
+        # a condition in a mission has boards only, while an operator may wait for any value
         kind = Kind.BOARD if entry.kind in _VALUED else entry.kind
         local = names.split(entry.path)[1]
         self._vocabulary[entry.path] = Resource(path=local, kind=kind, type=entry.type, choices=entry.choices)
@@ -68,6 +69,7 @@ class ConditionWatch:
     def holds(self, now_ns: int) -> bool:
         """Whether the condition holds now; not while a value is missing that it depends on."""
         self._now_ns = now_ns
+        # an unknown result, such as of a missing value, is not a success
         return self._expression.holds(self) is True
 
     def next_change_s(self, now_ns: int) -> float | None:

@@ -58,6 +58,7 @@ async def wait_until(session: Session, path: str, text: str, wait_s: float) -> N
         shown = watch.shown(watch.operands(session.module.now_ns()))
         raise NoAnswer(f"{full}: {text}: not within {wait_s:g} s; last: {shown}") from None
     except ExceptionGroup as group:
+        # the first error of a follower is the reason; the others were cancelled by it
         raise group.exceptions[0] from None
     after_s = (session.module.now_ns() - began_ns) / 1e9
     if session.settings.structured:
@@ -97,6 +98,7 @@ class _Wait:
     async def follow(self, path: str) -> None:
         """Takes each value of a resource, even if the resource appears later."""
         session = self._session
+        # subscribed before the look-up, so that a value between the two is not missed
         reader = session.module.frame_reader(path, every=True)
         entry = await find_entry(session, path)
         first: Frame | None = None
@@ -134,6 +136,7 @@ class _Wait:
             value = registry.decode(cls, found.data)
         except (NotFound, NoAnswer, WireError):
             return  # no value yet
+        # the last value of a lost platform says nothing about its present state
         if found.quality is Quality.LOST:
             session.out.say(f"{path}: lost; waiting for a new value")
             return
