@@ -11,6 +11,7 @@ from swarmware.mission.catalogue import BlockName, BlockType, Catalogue, Wait, b
 from swarmware.mission.manifest import Manifest
 from swarmware.mission.model import LINK_LOSS, ON_FAILURE, PRIORITIES, TOLERANCE_LIMIT_S
 from swarmware.mission.outcome import OutcomeKind
+from swarmware.mission.published import PUBLISHED, PublishedType
 
 _TIMEOUT: Final = OutcomeKind.TIMEOUT.value
 _ERROR: Final = OutcomeKind.ERROR.value
@@ -34,6 +35,8 @@ _SHARED: Final = {
 def mission_schema(catalogue: Catalogue | None = None) -> str:
     """The schema as JSON text (draft 2020-12)."""
     types = (catalogue or built_in()).types
+    published = {name: one for name, one in PUBLISHED.items() if one.block is not None}
+    names = [*types, *published]
     document = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "Swarmware mission (BDL)",
@@ -60,18 +63,20 @@ def mission_schema(catalogue: Catalogue | None = None) -> str:
                 "additionalProperties": {
                     "type": "object",
                     "required": ["type"],
-                    "properties": {"type": {"enum": list(types)}},
+                    "properties": {"type": {"enum": names}},
                     "allOf": [
                         {
                             "if": {"properties": {"type": {"const": name}}},
                             "then": {"$ref": f"#/$defs/{name}"},
                         }
-                        for name in types
+                        for name in names
                     ],
                 },
             },
         },
-        "$defs": _SHARED | {name: _block(block) for name, block in types.items()},
+        "$defs": _SHARED
+        | {name: _block(block) for name, block in types.items()}
+        | {name: _published(one, types[str(one.block)]) for name, one in published.items()},
     }
     return msgspec.json.format(msgspec.json.encode(document), indent=1).decode() + "\n"
 
@@ -111,6 +116,19 @@ def _block(block: BlockType) -> dict[str, Any]:
         "additionalProperties": False,
         **({"allOf": groups} if groups else {}),
     }
+
+
+def _published(one: PublishedType, block: BlockType) -> dict[str, Any]:
+    """Schema of a block of published BDL: its own keys in place of our parameters."""
+    schema = _block(msgspec.structs.replace(block, name=one.name))
+    properties = schema["properties"]
+    for key, name in one.keys:
+        properties[key] = {"anyOf": [properties[name], {"type": "string"}]}
+        for group in schema["allOf"]:
+            if {"required": [name]} in group.get("anyOf", ()):
+                group["anyOf"].append({"required": [key]})
+    properties |= {key: {} for key in one.ignored}
+    return schema
 
 
 def _at_most_one(names: tuple[str, ...]) -> dict[str, Any]:

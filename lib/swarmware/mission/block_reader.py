@@ -14,6 +14,7 @@ from swarmware.mission.catalogue import BlockName, BlockType, Catalogue, Nothing
 from swarmware.mission.condition_parser import parse as parse_condition
 from swarmware.mission.model import Block, Edge
 from swarmware.mission.outcome import ANY_ERROR, SUCCESS, TIMED_OUT, BlockOutcome, OutcomeKind
+from swarmware.mission.published import PUBLISHED, converted
 from swarmware.mission.source import escape
 from swarmware.model.names import similar
 from swarmware.model.toml_lines import key_text
@@ -55,13 +56,19 @@ class BlockReader:
 
     def __init__(self, block_id: str, body: dict[str, Any], pointer: str, catalogue: Catalogue) -> None:
         self.remarks: list[tuple[str, str, str]] = []
+        self.warnings: list[tuple[str, str, str]] = []
         self._id = block_id
         self._body = body
         self._pointer = pointer
         self._edges: dict[BlockOutcome, Edge] = {}
         name = body["type"]
-        known = catalogue.find(name)
-        if known is None:
+        published = PUBLISHED.get(name)
+        self._published = published
+        known = catalogue.find(published.block if published and published.block else name)
+        if published is not None and published.block is None:
+            message = f"block type {name!r} of published BDL has no counterpart: {published.instead}"
+            self._report("type", "unknown-block", message)
+        elif known is None:
             message = f"block type {name!r}: unknown; {nearest(name, catalogue.types)}"
             if catalogue.unusable:
                 message += f"; not available: {'; '.join(catalogue.unusable)}"
@@ -264,8 +271,11 @@ class BlockReader:
         raw: dict[str, Any] = {}
         spelled: dict[str, str] = {}
         types = _types(self._spec.params)
+        own_keys = set(edge_keys)
+        if self._published is not None:
+            own_keys |= self._read_published(raw, spelled)
         for key, value in self._body.items():
-            if key in edge_keys:
+            if key in own_keys:
                 continue
             name = aliases.get(key, key)
             if name in raw:
@@ -287,6 +297,18 @@ class BlockReader:
             if not _finite(getattr(params, name)):
                 self._report(escape(key), "param", f"{raw[name]!r}: expected a finite number")
         return params
+
+    def _read_published(self, raw: dict[str, Any], spelled: dict[str, str]) -> set[str]:
+        """Takes the parameters of a block of published BDL; returns the keys that are read."""
+        published = self._published
+        assert published is not None
+        for name, (key, value) in converted(published, self._body).items():
+            raw[name], spelled[name] = value, key
+        for key in published.ignored:
+            if key in self._body:
+                message = f"{key!r} of {published.name} has no counterpart: the block is played without it"
+                self.warnings.append((f"{self._pointer}/{key}", "no-counterpart", message))
+        return {*(key for key, _ in published.keys), *published.ignored}
 
     def _explain(self, text: str, raw: dict[str, Any], spelled: dict[str, str]) -> None:
         names = [field.encode_name for field in msgspec.structs.fields(self._spec.params)]

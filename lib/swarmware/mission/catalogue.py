@@ -9,7 +9,14 @@ from typing import Annotated, Final, Literal
 import msgspec
 
 from swarmware.errors import InvalidInput, MissionError
-from swarmware.mission.condition_parser import parse as parse_condition
+from swarmware.mission.resource_params import (
+    ModuleService,
+    Request,
+    SetResource,
+    WaitForResource,
+    check_own_fields,
+)
+from swarmware.mission.resource_params import Params as Params  # noqa: PLC0414 - packages take it from here
 from swarmware.model.names import Pattern
 from swarmware.model.platform_kind import VEHICLES, PlatformKind
 
@@ -23,15 +30,6 @@ Altitude = Annotated[float, msgspec.Meta(gt=0, le=1_000)]
 Distance = Annotated[float, msgspec.Meta(gt=0, le=1_000)]
 Ratio = Annotated[float, msgspec.Meta(ge=0, le=1)]
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=64)]
-
-
-class Params(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Parameters of a block; a block type has a subclass with its own."""
-
-    @property
-    def lasts_s(self) -> float:
-        """Time that the parameters require; the default time-out of the type is added to it."""
-        return 0.0
 
 
 class Nothing(Params, frozen=True):
@@ -168,10 +166,6 @@ class Hold(Params, frozen=True):
         return self.s
 
 
-SENSOR_VALUE: Final = "sensor"
-"""Path under which the condition of a WaitForSensor names the value of the sensor."""
-
-
 class WaitForSensor(Params, frozen=True):
     """Wait until a sensor delivers values."""
 
@@ -187,10 +181,7 @@ class WaitForSensor(Params, frozen=True):
         if self.sensor.startswith("/"):
             raise InvalidInput(f"sensor {self.sensor!r}: expected one of this platform, such as sensor/gnss")
         Pattern(self.sensor)
-        if not self.until:
-            return
-        if others := parse_condition(self.until, SENSOR_VALUE).resources() - {SENSOR_VALUE}:
-            raise InvalidInput(f"until: {min(others)!r}: expected fields of the value of the sensor only")
+        check_own_fields(self.until, "until", "the sensor")
 
 
 Resume = Literal["restart", "continue", "skip", "abort"]
@@ -218,6 +209,11 @@ class BlockName(StrEnum):
     LAND = "Land"
     HOLD = "Hold"
     WAIT_FOR_SENSOR = "WaitForSensor"
+    WAIT_FOR_RESOURCE = "WaitForResource"
+    REQUEST = "Request"
+    SET_RESOURCE = "SetResource"
+    START_MODULE = "StartModule"
+    STOP_MODULE = "StopModule"
 
 
 class BlockType(msgspec.Struct, frozen=True):
@@ -270,6 +266,8 @@ _POINT: Final = (("x", "x_m"), ("y", "y_m"), ("z", "z_m"), ("yaw", "yaw_rad"), (
 _SPEED: Final = (("speed", "speed_m_s"),)
 MOTION_ERRORS: Final = ("blocked", "disarmed", "no_position", "no_navigator")
 """Kinds of error with which a block may end that moves the vehicle to a position."""
+_ASKED: Final = ("not_found", "refused", "no_answer")
+"""Kinds of error with which a request may end."""
 
 BLOCKS: Final = (
     BlockType(BlockName.START, "Begins the mission.", control=True, instant=True),
@@ -394,6 +392,42 @@ BLOCKS: Final = (
         "Waits until a sensor delivers values, also a sensor that is plugged in meanwhile.",
         WaitForSensor,
         timeout_s=60.0,
+    ),
+    BlockType(
+        BlockName.WAIT_FOR_RESOURCE,
+        "Waits until a resource has a fresh value, also one of a module that starts meanwhile.",
+        WaitForResource,
+        timeout_s=60.0,
+    ),
+    BlockType(
+        BlockName.REQUEST,
+        "Sends a request to a command, and waits for its answer.",
+        Request,
+        timeout_s=5.0,
+        errors=(*_ASKED, "unexpected"),
+        # whether a request that was cut off was carried out is not known
+        resume="abort",
+    ),
+    BlockType(
+        BlockName.SET_RESOURCE,
+        "Sets a resource, or one field of it.",
+        SetResource,
+        timeout_s=10.0,
+        errors=_ASKED,
+    ),
+    BlockType(
+        BlockName.START_MODULE,
+        "Starts a service of the platform, and waits until it runs.",
+        ModuleService,
+        timeout_s=30.0,
+        errors=_ASKED,
+    ),
+    BlockType(
+        BlockName.STOP_MODULE,
+        "Stops a service of the platform, and waits until it has ended.",
+        ModuleService,
+        timeout_s=30.0,
+        errors=_ASKED,
     ),
 )
 """Definitions of the built-in blocks."""

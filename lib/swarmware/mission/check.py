@@ -10,7 +10,7 @@ from swarmware.errors import ConfigError, NotFound
 from swarmware.mission import flight, soundness, vocabulary
 from swarmware.mission.binding import Binding
 from swarmware.mission.budget import Budget
-from swarmware.mission.catalogue import BlockName, Catalogue, built_in
+from swarmware.mission.catalogue import Catalogue, built_in
 from swarmware.mission.ensemble import EnsembleRole, check_meetings, check_roles
 from swarmware.mission.finding import Finding, sound
 from swarmware.mission.folder import Folder, read_folder
@@ -19,6 +19,7 @@ from swarmware.mission.loader import Reading, read
 from swarmware.mission.manifest import MANIFEST
 from swarmware.mission.manifest_places import ManifestPlaces
 from swarmware.mission.model import MissionDefinition
+from swarmware.mission.sensor_choice import sought
 from swarmware.mission.source import JsonSource, SourceError
 from swarmware.mission.source import parse as parse_source
 from swarmware.model.platform_kind import PlatformKind
@@ -80,7 +81,7 @@ def _conditions(
     mission: MissionDefinition, text: str, file: str, kinds: tuple[PlatformKind, ...], own: str
 ) -> list[Finding]:
     """Findings of the conditions: checks their resources against the templates of the possible platforms."""
-    named = mission.resources or any(b.type == BlockName.WAIT_FOR_SENSOR for b in mission.blocks.values())
+    named = mission.resources or any(sought(b.params) for b in mission.blocks.values())
     problems = vocabulary.shipped().check(mission, kinds, own) if named else []
     if not problems:
         return []

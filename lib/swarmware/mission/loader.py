@@ -13,7 +13,7 @@ from swarmware.mission.catalogue import BlockName, Catalogue, built_in
 from swarmware.mission.condition import ConditionExpression
 from swarmware.mission.condition_parser import parse as parse_condition
 from swarmware.mission.file_keys import MISSION_KEYS
-from swarmware.mission.finding import Finding
+from swarmware.mission.finding import Finding, sound
 from swarmware.mission.model import (
     LINK_LOSS,
     ON_FAILURE,
@@ -53,7 +53,7 @@ def load(text: str, file: str, binding: Binding, catalogue: Catalogue | None = N
     Raises: MissionError with all errors, one per line.
     """
     reading = read(text, file, binding, catalogue)
-    if reading.mission is None or reading.findings:
+    if reading.mission is None or not sound(reading.findings):
         raise MissionError("\n".join(str(finding) for finding in reading.findings))
     return reading.mission
 
@@ -181,6 +181,9 @@ class _Loader:
             blocks[block_id] = reader.block()
             for place, rule, message in reader.remarks:
                 self._report(place, rule, message)
+            for place, rule, message in reader.warnings:
+                finding = self._source.finding(place, rule, message)
+                self._findings.append(msgspec.structs.replace(finding, severity="warning"))
         for block in blocks.values():
             for edge in block.edges:
                 self._target(edge.target, edge.pointer, blocks, raw)

@@ -2,10 +2,18 @@
 
 import msgspec
 
-from swarmware.mission.catalogue import SENSOR_VALUE, WaitForSensor
+from swarmware.mission.catalogue import WaitForSensor
 from swarmware.mission.condition_parser import parse as parse_condition
 from swarmware.mission.field_path import Scalar, scalar_of
+from swarmware.mission.resource_params import VALUE, Params, WaitForResource
 from swarmware.model.names import Pattern
+
+
+def sought(params: Params) -> WaitForSensor | None:
+    """The sensors or other boards for which a block with these parameters waits, or None if it does not."""
+    if isinstance(params, WaitForResource):
+        return WaitForSensor(sensor=params.path, until=params.until)
+    return params if isinstance(params, WaitForSensor) else None
 
 
 class SensorChoice:
@@ -14,7 +22,7 @@ class SensorChoice:
     def __init__(self, params: WaitForSensor) -> None:
         self._params = params
         self._pattern = Pattern(params.sensor)
-        self._until = parse_condition(params.until, SENSOR_VALUE) if params.until else None
+        self._until = parse_condition(params.until, VALUE) if params.until else None
 
     @property
     def pattern(self) -> str:
@@ -39,18 +47,18 @@ class SensorChoice:
         """Whether a value of such a sensor, of this age, ends the wait."""
         if age_s > fresh_s:
             return False
-        return self._until is None or self._until.holds(_SensorValue(value, age_s)) is True
+        return self._until is None or self._until.holds(SingleValue(value, age_s)) is True
 
 
-class _SensorValue(msgspec.Struct, frozen=True):
-    """The value of a sensor, as the source of its condition."""
+class SingleValue(msgspec.Struct, frozen=True):
+    """A value, as the source of a condition on its fields."""
 
-    value_of_sensor: msgspec.Struct
-    age: float
+    whole: msgspec.Struct
+    age: float = 0.0
 
     def value(self, path: str, field: str) -> Scalar | None:
         """A field of the value."""
-        return scalar_of(self.value_of_sensor, field)
+        return scalar_of(self.whole, field)
 
     def age_s(self, path: str) -> float | None:
         """Age of the value."""

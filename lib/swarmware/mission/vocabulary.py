@@ -38,7 +38,7 @@ from swarmware.mission.field_type import (
 )
 from swarmware.mission.finding import Severity
 from swarmware.mission.model import MissionDefinition
-from swarmware.mission.sensor_choice import SensorChoice
+from swarmware.mission.sensor_choice import SensorChoice, sought
 from swarmware.model import template
 from swarmware.model.config import share_dir
 from swarmware.model.names import similar, split
@@ -117,8 +117,8 @@ class Vocabulary:
         readers = [_TemplateReader(self._known, players, kind, own, self._types) for kind in players or ("",)]
         found = [problem for where in conditions for reader in readers for problem in reader.problems(*where)]
         for block in mission.blocks.values():
-            if isinstance(block.params, WaitForSensor):
-                found += self._sensors(block.pointer, block.params, readers, players)
+            if (params := sought(block.params)) is not None:
+                found += self._sensors(block.pointer, params, readers, players)
         return list(dict.fromkeys(found))
 
     def _sensors(

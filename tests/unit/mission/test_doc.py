@@ -15,6 +15,7 @@ from swarmware.mission.check import check_text
 from swarmware.mission.condition_parser import parse
 from swarmware.mission.file_keys import BLOCK_KEYS
 from swarmware.mission.plausible import CEILING_M, DEPTH_M, NEAR_RATIO, REACH_M
+from swarmware.mission.published import PUBLISHED, PublishedType
 
 ROOT = Path(__file__).parents[3]
 TEXT = (ROOT / "share/doc/missions.md").read_text()
@@ -42,6 +43,13 @@ def show(value: Any) -> str:
 @pytest.mark.parametrize("block", BLOCKS, ids=lambda block: block.name)
 def test_table_of_blocks_is_that_of_catalogue(block: BlockType) -> None:
     assert row(block) in TEXT
+
+
+@pytest.mark.parametrize("published", PUBLISHED.values(), ids=lambda one: one.name)
+def test_table_of_published_types_is_that_of_code(published: PublishedType) -> None:
+    keys = ", ".join(f"`{key}` → `{name}`" for key, name in published.keys) or "–"
+    lost = ", ".join(f"`{key}`" for key in published.ignored) or published.instead or "–"
+    assert f"| {published.name} | {published.block or '–'} | {keys} | {lost} |" in TEXT
 
 
 @pytest.mark.parametrize("example", re.findall(r"```json\n(.*?)```", TEXT, re.DOTALL))

@@ -18,6 +18,7 @@ from swarmware.mission.catalogue import Formation, Goto, Takeoff, Wait
 from swarmware.mission.check import check_files, check_text
 from swarmware.mission.finding import Finding, sound
 from swarmware.mission.loader import load, read
+from swarmware.mission.resource_params import ModuleService, Request, WaitForResource
 from swarmware.model.platform_kind import PlatformKind
 
 PUBLISHED = Path(__file__).parents[2] / "data" / "bdl"
@@ -52,16 +53,38 @@ def test_published_missions_of_basic_blocks_are_sound(name: str) -> None:
     assert check_files([PUBLISHED / f"{name}.json"]) == []
 
 
-def test_published_ros_mission_names_its_plugin_blocks() -> None:
-    found = [f for f in check_files([PUBLISHED / "mission1.json"]) if f.severity == "error"]
-    assert {finding.rule for finding in found} == {"unknown-block"}
-    assert [finding.pointer for finding in found] == [
-        f"/mission/b{n}/type" for n in (2, 3, 4, 5, 8, 9, 11, 12, 15, 16, 17, 18)
+def test_published_ros_mission_warns_of_lost_keys() -> None:
+    found = check_files([PUBLISHED / "mission1.json"])
+    assert {finding.severity for finding in found} == {"warning"}
+    lost = [(finding.line, finding.pointer) for finding in found if finding.rule == "no-counterpart"]
+    assert lost == [
+        (19, "/mission/b3/package"),
+        (22, "/mission/b3/commandline_args"),
+        (27, "/mission/b4/package"),
+        (34, "/mission/b5/package"),
     ]
-    names = {"WaitForActiveTopic", "StartNode", "CallService", "CallAction"}
-    assert {word for finding in found for word in names if word in finding.message} == names
-    assert all("nearest known" in finding.message for finding in found)
-    assert found[0].line == 12
+
+
+def test_published_blocks_become_those_of_the_table() -> None:
+    blocks = load((PUBLISHED / "mission1.json").read_text(), "mission1.json", HERE).blocks
+    assert blocks["b2"].params == WaitForResource(path="sensors/temperature/*")
+    assert blocks["b3"].params == ModuleService(service="coppternode1")
+    # without a name of its own the node has that of its program
+    assert blocks["b4"].params == ModuleService(service="swarm_communication")
+    assert blocks["b8"].params == Request(path="copternode1/arm")
+    assert blocks["b12"].params == Request(path="copternode1/fly_to", args=(0, 0, 100, 0), answer_s=300)
+    ros2 = {"type": "CallServiceROS2", "address": "/a/b", "svctype": "x", "data": '{"on": true}'}
+    assert load(line(ros2), "m.json", HERE).blocks["b1"].params == Request(path="a/b", args={"on": True})
+
+
+def test_published_blocks_without_counterpart_are_named() -> None:
+    finding = only(line({"type": "LaunchROS", "package": "p", "launchfile": "l"}))
+    assert (finding.rule, finding.pointer) == ("unknown-block", "/mission/b1/type")
+    assert "no counterpart: expected a StartModule for each service" in finding.message
+    finding = only(line({"type": "CallService", "servicename": ""}))
+    assert finding.pointer == "/mission/b1/servicename"
+    finding = only(line({"type": "CallService", "servicename": "a/b", "arg": ""}))
+    assert finding.pointer == "/mission/b1/arg"
 
 
 def test_numbers_may_be_texts_in_missions() -> None:

@@ -14,7 +14,13 @@ from swarmd.mission.blocks.motions import (
     ReturnBlock,
     TakeoffBlock,
 )
-from swarmd.mission.blocks.sensor import WaitForSensorBlock
+from swarmd.mission.blocks.requests import (
+    RequestBlock,
+    SetResourceBlock,
+    StartModuleBlock,
+    StopModuleBlock,
+)
+from swarmd.mission.blocks.sensor import WaitForResourceBlock, WaitForSensorBlock
 from swarmware.mission.installed import InstalledBlocks, installed_blocks
 from swarmware.mission.plugin import FunctionalBlock
 
@@ -30,6 +36,11 @@ BUILT_IN: Final[tuple[type, ...]] = (
     FormationBlock,
     HoldBlock,
     WaitForSensorBlock,
+    WaitForResourceBlock,
+    RequestBlock,
+    SetResourceBlock,
+    StartModuleBlock,
+    StopModuleBlock,
 )
 
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from swarmd.mission.blocks.context import Context, spec
 from swarmware.errors import SwarmError
-from swarmware.mission.sensor_choice import SensorChoice
+from swarmware.mission.sensor_choice import SensorChoice, sought
 from swarmware.model.names import split
 from swarmware.model.resource import Kind, Resource
 from swarmware.module.board import BoardReader
@@ -31,10 +31,18 @@ class WaitForSensorBlock:
 
     async def run(self, context: Context) -> None:
         """Ends when one of the sensors has a fresh value that meets the condition."""
-        choice = SensorChoice(context.params)
+        wanted = sought(context.params)
+        assert wanted is not None
+        choice = SensorChoice(wanted)
         context.report(0.0, f"waits for {choice}")
         path = await SensorSearch(context.module, choice).first()
         context.report(1.0, f"{path} is there")
+
+
+class WaitForResourceBlock(WaitForSensorBlock):
+    """Waits for a board of this platform, also of a module that starts meanwhile."""
+
+    spec = spec("WaitForResource")
 
 
 class SensorSearch:
