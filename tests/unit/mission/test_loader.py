@@ -69,7 +69,7 @@ def test_published_blocks_become_those_of_the_table() -> None:
     blocks = load((PUBLISHED / "mission1.json").read_text(), "mission1.json", HERE).blocks
     assert blocks["b2"].params == WaitForResource(path="sensors/temperature/*")
     assert blocks["b3"].params == ModuleService(service="coppternode1")
-    # without a name of its own the node has that of its program
+    # a node without a name has the name of its program
     assert blocks["b4"].params == ModuleService(service="swarm_communication")
     assert blocks["b8"].params == Request(path="copternode1/arm")
     assert blocks["b12"].params == Request(path="copternode1/fly_to", args=(0, 0, 100, 0), answer_s=300)
