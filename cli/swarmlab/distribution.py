@@ -52,7 +52,7 @@ class VehicleDifference(msgspec.Struct, frozen=True):
 
     platform: str
     units: tuple[str, ...]
-    """Its computers in the second run."""
+    """Computers of the vehicle in the second run."""
     difference: PathDifference | None
     """Difference of the paths, or null if a path is missing."""
     collisions: tuple[int, int]

@@ -20,7 +20,7 @@ PLACE = re.compile(
 )
 FENCED = re.compile(r"```.*?```", re.DOTALL)
 TUTORIALS = "share/doc/tutorials/"
-"""Their blocks name what the reader makes."""
+"""Pages whose blocks of code name files that the reader makes."""
 BUILT = "share/doc/site"
 """The documentation site: only where `make docs` was run."""
 ELSEWHERE = re.compile(

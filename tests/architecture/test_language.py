@@ -167,6 +167,8 @@ GRAMMAR: Final = {
     re.compile(pattern): instead
     for pattern, instead in (
         (r"; (?:[Nn]one|[Ee]mpty|left out|[-−]?[01]|[Ff]alse|[Tt]rue): ", "or None if …"),
+        (r"; (?:absent|null|negative): ", "or null if …, or a negative number if …"),
+        (r"; whether\b", "returns True if …, and it is not known whether …"),
         (r"\b[Tt]h(?:at|ose) of\b", "the noun in place of the pronoun"),
         (r"\b[Oo]nes? that\b", "the noun in place of the pronoun"),
         (r"\bis none\b", "is missing, is not known"),
@@ -200,6 +202,11 @@ def test_an_unfinished_folder_has_unfinished_prose(folder: str) -> None:
         ("Pause; None: no limit.", 1),
         ("Path; empty: the document.", 1),
         ("Descriptor; -1: closed.", 1),
+        ("Record; absent: not drained.", 1),
+        ("Result; null: the motors are calibrated.", 1),
+        ("Exit code; negative: the signal.", 1),
+        ("Set the patterns; whether they changed.", 1),
+        ("Asked whether they changed.", 0),
         ("Stamp of the value, or None without a value.", 0),
         ("The rate, or that of its owner.", 1),
         ("One that was lost is repeated.", 1),

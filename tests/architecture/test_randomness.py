@@ -9,7 +9,7 @@ from tests.architecture.sources import parsed, walked
 
 TESTS: Final = Path(__file__).parents[1]
 GENERATORS: Final = {"random.Random", "Random", "np.random.default_rng"}
-"""They need a seed as argument."""
+"""Constructors that need a seed as argument."""
 UNSEEDED: Final = {"os.urandom", "uuid.uuid4"}
 
 

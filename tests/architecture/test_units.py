@@ -110,7 +110,7 @@ def test_unit_of_whole_node_is_hardened_like_daemons() -> None:
 
 
 def test_libzmq_may_set_the_scheduling_of_its_threads() -> None:
-    """It aborts the process when it may not; a denied group may hold the system call that it makes."""
+    """libzmq aborts the process without this system call, which a denied group may contain."""
     assert "sched_setscheduler" in allowed_calls((UNITS / "swarmd@.service").read_text())
 
 

@@ -109,7 +109,7 @@ class LinkPeer:
         self.sealer = Sealer(keys.group, self.hw, 1)
 
     def compose(self, now_ns: int, turn: int) -> tuple[Header, Beacon, bytes]:
-        """Its next datagram, clear and sealed."""
+        """Next datagram of the node, clear and sealed."""
         protocol = self.protocol
         protocol.advance(now_ns)
         boards = protocol.published.boards

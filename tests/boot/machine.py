@@ -32,7 +32,7 @@ ENVIRONMENT: Final = {
 
 
 class CannotBoot(Exception):
-    """This host lacks what a container with systemd needs; the text is the reason."""
+    """Error of a host without the means to boot a container with systemd, with the reason as its text."""
 
 
 def why_not() -> str:

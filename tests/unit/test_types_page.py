@@ -26,7 +26,7 @@ def form(title: str) -> dict[str, tuple[int, str]]:
 
 
 def coded(title: str, values: dict[str, int]) -> bytes:
-    """These numbers as the form says."""
+    """Bytes of these numbers in the layout of the form."""
     rows = form(title)
     assert rows.keys() == values.keys()
     out = bytearray()

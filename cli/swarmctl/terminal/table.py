@@ -31,7 +31,7 @@ class Column(msgspec.Struct, frozen=True):
     drop: int = 0
     """Order in which columns are hidden on a narrow terminal, the highest first, or 0 for never."""
     wraps: bool = False
-    """Its texts are wrapped before another column is hidden."""
+    """Whether texts are wrapped before another column is hidden."""
 
 
 class Detail(Column, Generic[T], frozen=True, kw_only=True):

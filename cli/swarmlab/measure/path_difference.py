@@ -15,7 +15,7 @@ class PhaseDifference(msgspec.Struct, frozen=True):
     phase: str
     """Block of the mission."""
     begin_s: float
-    """Its begin in the first run, since the command."""
+    """Begin of the phase in the first run, since the command."""
     later_s: float
     """Time by which the second run began it later."""
     rms_m: float

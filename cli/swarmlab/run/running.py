@@ -94,7 +94,7 @@ class RunningLab:
         """Nodes with a scheduled restart, with their exit codes."""
         self._watching = True
         self.fallen: dict[str, int] = {}
-        """Exit codes of nodes that ended; negative: the signal that ended them."""
+        """Exit codes of nodes that ended, or the negative number of the signal that ended them."""
         self.restarts: dict[str, Restarts] = {}
         """Restarts of nodes by their supervisors."""
         self.began_mono_ns = 0

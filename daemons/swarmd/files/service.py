@@ -72,6 +72,7 @@ class Files(Service):
 
     async def _offer(self, offer: FileOffer, meta: Meta) -> FileProgress:
         async with self._work:
+            # a repeated offer after a lost answer is done already
             if await asyncio.to_thread(self._store.has_content, offer.name, offer.digest):
                 return FileProgress(complete=True)
             stored_bytes = await asyncio.to_thread(self._store.stored_bytes)
@@ -112,6 +113,7 @@ class Files(Service):
         try:
             await asyncio.to_thread(self._store.finish, offer)
         except InvalidInput:
+            # the blocks do not have the offered digest, so none of them can be trusted
             self._store.drop(offer.digest, discard=True)
             self._intake.on_ended(offer.digest)
             raise

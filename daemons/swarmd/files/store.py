@@ -30,6 +30,7 @@ class FileStore:
         """Removes incomplete files without a new block since `before_s`; returns their number."""
         removed = 0
         for path in self.folder.glob(".*.part"):
+            # lstat: a link may point to a file outside of the folder
             if path.lstat().st_mtime < before_s:
                 path.unlink(missing_ok=True)
                 path.with_suffix(".have").unlink(missing_ok=True)
@@ -93,6 +94,7 @@ class FileStore:
         Raises: OutOfRange when the disk has no room; OSError.
         """
         part = self._parts.get(offer.digest)
+        # the same digest with another size is an invalid offer of either; the newest counts
         if part is None or part.size_bytes != offer.size_bytes:
             self.drop(offer.digest)
             part = self._parts[offer.digest] = PartialFile(self.folder, offer.digest, offer.size_bytes)

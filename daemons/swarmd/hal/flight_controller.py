@@ -88,6 +88,7 @@ class FlightController(Chassis):
         try:
             vehicle, sample, age_s, place = state.value, imu.value, imu.age_s, pose.value
             flies = vehicle is not None and vehicle.armed and not vehicle.landed
+            # an older flight has ended on the ground, whatever the boards say
             if not flies or sample is None or age_s is None or age_s > self._timing.held_s + FALL_MAX_S:
                 return False
             handover = FlightHandover(sample, imu.local_stamp_ns or module.now_ns())
@@ -147,6 +148,7 @@ class FlightController(Chassis):
         self.send_outputs(outputs, now_ns)
         self._record(outputs, now_ns)
         self._publish_imu(now_ns)
+        # once: the order is repeated until the device answers it
         if self._flight.lost and not self._core.killing:
             log.error("driver %s: the motors are stopped: %s", self.name, self._flight.lost)
             # a flight that cannot be continued ends here, before the motors start again in an unknown
@@ -186,6 +188,7 @@ class FlightController(Chassis):
         flight, gnss, height, imu = self._flight, self._gnss, self._height, self._imu
         if gnss is not None and (fix := gnss.value) is not None:
             flight.on_gnss(fix, gnss.local_stamp_ns or now_ns, now_ns)
+        # taken once: the same height again would count as a second measurement
         if height is not None and (found := height.value) is not None and found is not self._taken_height:
             self._taken_height = found
             flight.on_height(found.value)

@@ -142,6 +142,7 @@ class Motors:
     ) -> VehicleState:
         by = self._module.requester(meta)
         pose = self._pose.value
+        # made before the execution, so that it has the height at which the order came
         order = MotorOrder(
             what, by, 0.0 if pose is None else round(pose.z_m, 2), reason, overridden=overridden
         )

@@ -37,6 +37,7 @@ class ActuatorOutput:
 
     def failsafe(self, now_ns: int, *, armed: bool) -> str:
         """Reason of a fail-safe after set-points have stopped, or "" without a fail-safe."""
+        # an output that never had a set-point is at rest, which is not a fault
         if self._stamp_ns is None or not self._is_old(now_ns) or (self._needs_arming and not armed):
             return ""
         return f"no set-point in {self._path} for more than {self._watchdog_ns / 1e9:g} s"

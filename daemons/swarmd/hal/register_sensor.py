@@ -61,6 +61,7 @@ class RegisterSensor(BlockingSensor[T], Generic[T]):
         """Opens the bus and starts the chip. Raises: DeviceError for another chip."""
         settings = self._settings
         self._bus = open_registers(settings.bus, settings.device, settings.address, settings.speed_hz)
+        # after each opening: a chip that was unplugged has lost its settings
         self.begin(self._bus)
 
     @abstractmethod

@@ -45,6 +45,7 @@ class SensorCalibrations:
         except FileNotFoundError:
             return {}
         except (ConfigError, OSError) as error:
+            # not raised: a vehicle without corrections is better than one without drivers
             log.error("%s; inertial units are not corrected until they are calibrated again", error)
             return {}
 
@@ -75,6 +76,7 @@ class SensorCalibrations:
         state = self._state.value
         if state is not None and not state.resting:
             raise Denied("calibration: expected a vehicle that is disarmed and on the ground")
+        # two windows at a time would share the list of samples
         if self._busy:
             raise Denied("calibration: another one is in progress")
         sources = self._sources()
@@ -98,6 +100,7 @@ class SensorCalibrations:
             if request.kind is SensorCalibrationKind.ACCELEROMETER:
                 faces = self._faces.setdefault(name, AccelerometerFaces())
                 attitude = faces.add(samples)
+                # the faces are kept in memory for the next requests, one for each attitude
                 if faces.missing:
                     return SensorCalibrated(name, request.kind, f"{attitude} taken", faces.missing)
                 found = faces.result(source.correction)

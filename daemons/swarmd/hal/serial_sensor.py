@@ -93,6 +93,7 @@ class SerialSensor(Sensor, Generic[T]):
         if self._line is not None:
             self._line.check()
         if self._decoder.valid != self._valid:
+            # ignored types count as well: they show that the sensor and its rate are right
             self._valid, self._received_ns = self._decoder.valid, now_ns
         elif now_ns - self._received_ns > self.silent_s * 1e9:
             counts = sorted(self.refused.items(), key=lambda item: -item[1])[:_NAMED]

@@ -138,6 +138,7 @@ class Hal(Service):
                 devices = find(one.rule.driver)(hotplug.configured(self.config, one), self._site)
                 for device in devices:
                     device.name = f"{device.name}.{Path(one.node.path).name}"
+                # two devices of one name would share schedule and health check
                 check_names(devices, self._devices)
             except SwarmError as error:
                 log.warning("device %s: driver %s: %s", one.node.path, one.rule.driver, error)
@@ -151,6 +152,7 @@ class Hal(Service):
             log.info("device %s: recognised, driver %s", one.node.path, one.rule.driver)
             self._devices += devices
             self._start(group, devices)
+        # also without a new device: a waiting driver may have its file again
         self._plugged.notify()
 
     async def _keep(self, device: Device, schedule: Schedule) -> None:
@@ -181,6 +183,7 @@ class Hal(Service):
                     description=f"The device of driver {device.name}",
                 )
             finally:
+                # also after a failed opening, which may have opened a part
                 await device.close()
             await self._plugged.wait(self.config.retry_s)
 

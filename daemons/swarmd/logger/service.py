@@ -86,6 +86,7 @@ class Logger(Service):
                     group.create_task(self._upload.run(), name="log:forward")
         finally:
             self._batch.descriptions = self._types.found
+            # in the thread of the disk, behind the batches that wait there
             self._disk.submit(self._close, self._recorder)
             self._disk.shutdown(wait=True)
             for tap in self._taps.values():
@@ -187,6 +188,7 @@ class Logger(Service):
         for entry in self._table:
             for resource in entry.provides:
                 found.setdefault(resource.path, resource)
+        # gaps are written by the recorder itself, with their own place in the queue
         return [resource for path, resource in found.items() if path != GAPS]
 
     def _sample_all(self, *, new_rings: bool = False) -> None:

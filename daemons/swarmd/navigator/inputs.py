@@ -39,6 +39,7 @@ class Fresh(Generic[T]):
     def take(self) -> T | None:
         """The newest value, or None if it was returned before."""
         value = self.reader.value
+        # by identity, since the reader decodes each value once
         if value is None or value is self._last:
             return None
         self._last = value
@@ -139,6 +140,7 @@ class GuidanceInputs:
         self._calls += 1
         for platform, board in self._others.items():
             if (pose := board.take()) is not None:
+                # never in the future: an error of the clock conversion would give a negative age
                 core.on_neighbour(platform, pose, min(board.stamp_ns(now_ns), now_ns))
 
     def _add_platforms(self) -> None:

@@ -102,6 +102,7 @@ class Registrar(Service):
         finally:
             module.node.master.on_rejections = None
             self._applications.close()
+            # another application of the node then becomes master
             module.node.master.step_back()
 
     def _on_rejections(self, rejections: tuple[str, ...]) -> None:
@@ -138,6 +139,7 @@ class Registrar(Service):
         }
 
     def _table_of(self, route: RouteState, now_ns: int) -> PublishedTable | None:
+        # a main computer publishes under one of two names, by its configuration
         for name in (route.name, f"{route.platform}.{route.unit}"):
             for tables in self._tables:
                 if name in tables and (found := _published(tables, name, now_ns)) is not None:
@@ -182,6 +184,7 @@ def _published(tables: BoardSet[ApplicationTable], name: str, now_ns: int) -> Pu
     """The table of a platform or computer, or None if the table names another computer."""
     board = tables[name]
     table = board.value
+    # a platform must not publish applications in the name of another one
     if table is None or name not in {table.platform, f"{table.platform}.{table.unit}"}:
         return None
     return PublishedTable(table, now_ns - round((board.age_s or 0.0) * 1e9))

@@ -42,10 +42,12 @@ class PulseInputs:
             for name in ("period", "duty_cycle", "enable"):
                 (channel / name).write_text("0\n", "ascii")
             self._files.append((_opened(channel / "duty_cycle"), _opened(channel / "enable")))
+        # a driver that lacks a channel writes its number here, as it would for the kernel
         (chip / "export").touch()
 
     def outputs(self) -> ActuatorOutputs:
         """Outputs by the present pulses; without pulses a motor is stopped and a servo centred."""
+        # sysfs has nanoseconds
         widths = [_number(duty) / 1000 if _number(enable) else 0.0 for duty, enable in self._files]
         motors = [(width - _STOP_US) / (_FULL_US - _STOP_US) for width in widths[: self._motors]]
         servos = [(width - _CENTRE_US) / _RANGE_US if width else 0.0 for width in widths[self._motors :]]

@@ -98,10 +98,12 @@ class ReceivingSession:
         if self._is_closed:
             return
         self._is_closed = True
+        # a Bye to a sender that has ended would answer its Bye
         if not self.has_ended:
             self._send(rtcp.encode(rtcp.Bye(receiver_ssrc(self.number))))
         self._driver.stop()
         self._module.close_writer(self._writer)
+        # the event loop must not wait for a picture that is being decoded
         self._executor.shutdown(wait=False)
 
     def on_packet(self, data: bytes) -> None:

@@ -86,6 +86,7 @@ class SendingSession:
         self._received_as = receiver.received_as
         self._started_ns = now_ns
         bitrate = BitrateControl(max_bit_s, request.pinned, now_ns)
+        # random, as RFC 3550 requires (section 5.1)
         sequence = int.from_bytes(os.urandom(2))
         self._core = VideoSender(
             config,
@@ -121,12 +122,14 @@ class SendingSession:
             while True:
                 picture = await self._source.next()
                 now_ns = module.now_ns()
+                # skipped before the encoder: a picture that was encoded cannot be left out
                 if now_ns < self._due_ns or not self._core.may_encode(now_ns):
                     continue
                 # absolute, so that jitter does not lower the rate; at most one period is caught up after a
                 # pause
                 self._due_ns = max(self._due_ns + self._period_ns, now_ns - self._period_ns)
                 timestamp = now_ns * CLOCK_HZ // 1_000_000_000
+                # cleared before the encoding, during which a new request may come
                 key, self._is_key_wanted = self._is_key_wanted, False
                 data = await loop.run_in_executor(self._executor, self._encoded, picture, timestamp, key)
                 if data:

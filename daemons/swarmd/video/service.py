@@ -119,6 +119,7 @@ class Video(Service):
 
     async def _apply_rules(self, rules: ChannelLimits) -> None:
         now_ns = self.module.now_ns()
+        # the usual case, once a second: nothing is listed or compared
         if not any(rule.settings.is_video for rule in rules.limits) and not self._by_rules.is_busy:
             return
         routes = self._routes.value or Routes()
@@ -154,6 +155,7 @@ class Video(Service):
             )
         self._table.check_sent(request.source, str(destination))
         self._check_source(request.source)
+        # one thread for a session, so that its source and its encoder are used in order
         executor = ThreadPoolExecutor(1, "video-encoder")
         source: PictureSource | None = None
         try:

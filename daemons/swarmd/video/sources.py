@@ -23,6 +23,7 @@ class StreamSource:
     async def next(self) -> Image:
         """The newest image; older waiting images are skipped."""
         image = await self._reader.next()
+        # a slow encoder falls behind by skipping, not by a growing delay
         while (newer := self._reader.take()) is not None:
             image = newer
         return image
@@ -45,6 +46,8 @@ class RecordedVideo:
         except (OSError, IndexError, self._av.FFmpegError) as error:
             raise InvalidInput(f"{path}: {error}; expected a file with video") from error
         rate = stream.average_rate or stream.guessed_rate
+        # a recording without a rate counts as 25 Hz, and a damaged header must not stop or flood the
+        # session
         self.rate_hz = min(max(float(rate or 25), 1.0), 120.0)
         self._frames = self._container.decode(video=0)
 

@@ -92,7 +92,7 @@ class Course:
         self.length_m = last.start_m + last.length_m
 
     def at(self, s_m: float) -> PathPoint:
-        """The point at a distance along the course; negative or beyond its length: straight on."""
+        """The point at a distance along the course, which extends straight beyond both ends."""
         # before the first start the first segment, which is straight and extends backwards
         segment = self._segments[max(0, bisect_right(self._starts, s_m) - 1)]
         return segment.at(s_m - segment.start_m)

@@ -47,7 +47,7 @@ class Circle(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     height_m: Size
 
     def distance_m(self, x_m: float, y_m: float) -> float:
-        """Distance of a point from the outline, seen from above; negative inside."""
+        """Distance of a point from the outline, seen from above, negative for a point inside."""
         return math.hypot(x_m - self.x_m, y_m - self.y_m) - self.radius_m
 
     def hit_m(self, x_m: float, y_m: float, dx: float, dy: float) -> float:
@@ -85,7 +85,7 @@ class Box(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
         return rx * cos + ry * sin, ry * cos - rx * sin
 
     def distance_m(self, x_m: float, y_m: float) -> float:
-        """Distance of a point from the outline, seen from above; negative inside."""
+        """Distance of a point from the outline, seen from above, negative for a point inside."""
         px, py = self._local(x_m, y_m)
         qx, qy = abs(px) - self.size_m[0] / 2, abs(py) - self.size_m[1] / 2
         return math.hypot(max(qx, 0.0), max(qy, 0.0)) + min(max(qx, qy), 0.0)

@@ -24,7 +24,7 @@ class Clock:
         return mono_ns + mono_ns * self._drift_ppb // 1_000_000_000 + self._offset_ns
 
     def from_mono_ns(self, mono_ns: int) -> int:
-        """This clock's reading at an instant of CLOCK_MONOTONIC."""
+        """Reading of this clock at an instant of CLOCK_MONOTONIC."""
         return mono_ns + mono_ns * self._drift_ppb // 1_000_000_000 + self._offset_ns
 
     def to_mono_ns(self, stamp_ns: int) -> int:

@@ -114,7 +114,7 @@ def imu_calibration(data_dir: Path) -> Path:
 
 
 def drain_record(data_dir: Path) -> Path:
-    """File that states who drained the platform; absent: it is not drained."""
+    """File that states who drained the platform, and is missing unless it is drained."""
     return data_dir / "drained.json"
 
 

@@ -177,7 +177,7 @@ class Client:
 
     @property
     def clock(self) -> Clock:
-        """This node's hardware clock."""
+        """Hardware clock of this node."""
         return self._member.clock
 
     @property

@@ -48,7 +48,7 @@ class ForkedChild:
         self._loop.add_reader(started.status, self._on_status)
 
     def _on_status(self) -> None:
-        """Its exit status has arrived, or the server has ended: then the process is ended, too."""
+        """The exit status has arrived, or the server has ended, with which the process ends as well."""
         assert self._started.status is not None
         self._loop.remove_reader(self._started.status)
         found = self._started.exit_status()

@@ -38,7 +38,7 @@ class Process:
         return self._child.returncode
 
     def stderr(self) -> str:
-        """Its standard error output so far."""
+        """Standard error output of the process so far."""
         return self._errors.read_text("utf-8", "replace")
 
     async def line(self, timeout_s: float = READY_S) -> str:

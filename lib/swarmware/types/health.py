@@ -128,7 +128,7 @@ class HealthState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """The worst of all confirmed faults."""
     battery: Literal["unknown", "ok", "low", "critical"] = "unknown"
     battery_ratio: float = -1.0
-    """Remaining charge, 0–1; negative when unknown."""
+    """Remaining charge from 0 to 1, or a negative number if unknown."""
     sensors: dict[str, bool] = {}
     """Validity by resource path: present, fresh and confirmed."""
     faults: tuple[str, ...] = ()

@@ -18,7 +18,7 @@ class LinkStatus(OpenEnum):
     """State of the two directions of a link."""
 
     RECEIVED = "heard"
-    """Datagrams arrive here; whether the neighbour receives this node is not known yet."""
+    """Datagrams arrive here, and it is not known yet whether the neighbour receives this node."""
     UP = "up"
     HALF_OPEN = "half_open"
     """Datagrams arrive here, but the neighbour does not receive this node."""
@@ -187,7 +187,7 @@ class RosterState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Fingerprint of the root that signed it."""
     members: tuple[RosterMemberState, ...] = ()
     revoked_self: bool = False
-    """This node was revoked."""
+    """True if this node was revoked."""
 
 
 @register

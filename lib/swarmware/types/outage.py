@@ -13,7 +13,7 @@ class OutagePhase(OpenEnum):
     LOST = "lost"
     """Nothing arrives in one direction or both."""
     RETURNING = "returning"
-    """Its datagrams arrive again; it is not known yet whether it receives ours."""
+    """Datagrams of the neighbour arrive again, and it is not known yet whether it receives ours."""
     DRAINING = "draining"
     """The link is up, and frames wait for it."""
     OVER = "over"

@@ -45,7 +45,7 @@ class RemoteInput(msgspec.Struct, frozen=True, array_like=True, gc=False):
     values: int = 0
     """Values that arrived while it was measured."""
     payload_bytes: int = 0
-    """Their payloads."""
+    """Total payload of these values."""
     delay_mean_ms: float | None = None
     """Time from the stamp of a value to its arrival, or None without a value or a known clock."""
     delay_p95_ms: float | None = None

@@ -110,7 +110,7 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
         )
 
     def to_remote(self, local_ns: int) -> int:
-        """Their clock's reading at an instant of our clock."""
+        """Reading of the other clock at an instant of our clock."""
         return local_ns + self.offset_ns + round(self.skew * (local_ns - self.t0_ns))
 
     def to_local(self, remote_ns: int) -> int:
@@ -239,13 +239,14 @@ class TimingSample(msgspec.Struct, frozen=True, array_like=True, gc=False):
     boot_id: int
     """Start of their clock; a changed value means a new clock."""
     received_ns: Instant
-    """Our clock at its arrival."""
+    """Reading of our clock at the arrival of the datagram."""
     lower_ns: Instant
-    """Their send time minus our receive time: lower bound of the offset of their clock."""
+    """Lower bound of the offset of the other clock, its send time minus our receive time."""
     sent_ns: Instant = 0
-    """Our clock when the datagram that they echo left."""
+    """Reading of our clock when the echoed datagram left."""
     upper_ns: Instant | None = None
-    """Their receive time minus our send time of the echoed datagram: upper bound, or None without an echo."""
+    """Upper bound of the offset, its receive time minus our send time of the echoed datagram, or None without
+    an echo."""
 
 
 @register

@@ -17,7 +17,7 @@ class Quality(OpenEnum):
     STALE = "stale"
     """Older than it may be, or of unknown age."""
     LOST = "lost"
-    """Its owner has ended, or its platform is unreachable."""
+    """The owner of the resource has ended, or its platform is unreachable."""
     NONE = "none"
     """No value has arrived here."""
 
@@ -26,7 +26,7 @@ class ValueSource(OpenEnum):
     """Origin of a value."""
 
     OWN = "own"
-    """This platform has the resource."""
+    """The resource belongs to this platform."""
     MIRROR = "mirror"
     """The copy of another platform's resource that is kept here."""
     ASKED = "asked"

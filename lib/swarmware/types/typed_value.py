@@ -13,7 +13,7 @@ class Limits(Protocol):
 
     @property
     def unit(self) -> str:
-        """Its unit, for the error."""
+        """Unit of the resource, for the error."""
         ...
 
     @property

@@ -68,9 +68,9 @@ class VideoOpened(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """The receiving platform is ready."""
 
     receiver: str
-    """Its computer."""
+    """Computer of the receiving platform."""
     path: str
-    """Its stream of the images."""
+    """Path of the stream of images."""
 
 
 class VideoDirection(OpenEnum):

@@ -38,7 +38,7 @@ class Forger:
         self.stolen = 0
         """Beacons with a false value that has the proof of a true one."""
         self.keeps = False
-        """It relays the true values, too; one of them is invented with the proof of the true one."""
+        """Whether the node also relays the true values, one of them altered but with its true proof."""
         self._compose = BeaconProtocol.compose
 
     def compose(self, protocol: BeaconProtocol, now_ns: int) -> OutgoingBeacon:

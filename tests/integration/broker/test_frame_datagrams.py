@@ -27,7 +27,7 @@ from swarmware.types.traffic import Refused
 
 PATH = "cmd/note"
 NOISE = Random(1)
-"""Its bytes cannot be compressed."""
+"""Source of bytes that cannot be compressed."""
 
 
 CARRIER = "tcp"

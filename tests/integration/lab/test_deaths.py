@@ -30,7 +30,7 @@ def kill_whole(node: LabNode) -> None:
 
 
 def spoil(node: LabNode) -> None:
-    """It cannot be started again."""
+    """Spoils the configuration, so that the node cannot be started again."""
     (node.config_dir / "node.toml").write_text("platform = 7\n")
 
 

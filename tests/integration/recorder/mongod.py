@@ -65,7 +65,7 @@ class Mongod:
         self._process.send_signal(signal.SIGSTOP)
 
     def thaw(self) -> None:
-        """It answers again; what had been asked is done first."""
+        """Continues the server, which answers the waiting requests first."""
         assert self._process is not None
         self._process.send_signal(signal.SIGCONT)
 

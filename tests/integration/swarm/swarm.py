@@ -72,7 +72,7 @@ class Swarm:
 
     @asynccontextmanager
     async def at(self, platform: str) -> AsyncIterator[Module]:
-        """This process as an application of the node: a process of it like others, so it is left soon."""
+        """Joins a node with this process, as one of its applications, for a short time."""
         async with Module("probe", config_dir=self.record.node(platform).config_dir) as module:
             yield module
 

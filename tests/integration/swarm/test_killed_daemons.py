@@ -73,11 +73,11 @@ class Took(msgspec.Struct):
     """Seconds from the kill of a daemon."""
 
     joined_s: float = 0.0
-    """Its application file names another process."""
+    """Time until the application file names another process."""
     running_s: float = 0.0
-    """It reports that it runs: its first beat."""
+    """Time until the first heartbeat of the new process."""
     swarm_s: float = 0.0
-    """The ground station has the link, fresh poses, and an answer of the node's tree."""
+    """Time until the ground station has the link, fresh poses, and an answer of the node's tree."""
     silent_s: float = 0.0
     """Longest time without a new pose at the ground station."""
 

@@ -166,7 +166,7 @@ class Followed(NamedTuple):
     connected: Pairs
     """Pairs that good links connect."""
     arrived: Pairs
-    """Those whose next hops lead there over usable links."""
+    """Pairs whose next hops lead to the destination over usable links."""
     spent: Transmissions
     """Expected transmissions of their routes."""
     cost: Transmissions

@@ -64,7 +64,7 @@ class Passage:
         self._fix = (0.0, 0.0)
         self.now_s = 0.0
         self.gap_m = math.inf
-        """Least free space to an obstacle so far; negative is a collision."""
+        """Least free space to an obstacle so far, or a negative number after a collision."""
         self.worst_m = 0.0
         """Greatest distance to the slot so far."""
 

@@ -128,7 +128,7 @@ class Pair:
         return self._time.now_ns
 
     def end(self, node: int) -> ReliableLink:
-        """This node's end of the link; it has one when it has sent or received something."""
+        """End of the link at a node, which exists after the first frame that it sent or received."""
         link = self._links[node].link(3 - node)
         assert link is not None
         return link

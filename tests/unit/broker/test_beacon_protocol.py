@@ -47,7 +47,7 @@ class Node:
         self.hw = hardware_id(name)
         self.session = session
         self.clock_ns = clock_us * 1000
-        """Its clock minus the test's."""
+        """Clock of the node minus the test's."""
         self.counters = Counters()
         self.protocol = BeaconProtocol(
             NodeIdentity(self.hw, name, "main", PlatformCode.UAV, boot_id, b""),

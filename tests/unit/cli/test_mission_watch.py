@@ -155,7 +155,7 @@ async def test_status_shows_active_reactions_and_dead_rows() -> None:
 
 async def test_who_watches_a_mission_sees_who_ordered_it(monkeypatch: pytest.MonkeyPatch) -> None:
     async def follow(*_: object) -> None:
-        """It has ended."""
+        """Stands for a mission that has ended."""
 
     playing = msgspec.structs.replace(state(), epoch=7)
     monkeypatch.setattr(members, "mission_states", lambda session: {"uav1": playing})

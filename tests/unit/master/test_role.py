@@ -109,7 +109,7 @@ async def test_holder_becoming_preferred_keeps_its_number(tmp_path: Path) -> Non
 
 
 def as_another_process(role: LeaderCandidate) -> None:
-    """It acts for a process that lives and is not this one."""
+    """Makes a candidate act for another living process."""
     role._me = (os.getppid(), start_ticks(os.getppid()))
 
 

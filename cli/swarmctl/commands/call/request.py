@@ -24,7 +24,7 @@ class CallAnswer(msgspec.Struct, frozen=True):
     type: str
     """Type of the answer, or "" for a command without one."""
     value: Any
-    """Plain data; a single value without its Struct; null without an answer."""
+    """Plain data, as a bare value for a Struct with a single field, or null without an answer."""
     receiver: str = ""
     """Application whose inbox has the message, of a command without an answer."""
 

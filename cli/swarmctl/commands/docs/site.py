@@ -17,7 +17,7 @@ class DocumentationPage(msgspec.Struct, frozen=True):
     path: str
     """The HTML file."""
     url: str
-    """Its address for a browser."""
+    """Address of the file for a browser."""
     opened: bool
     """Whether a browser was started with it."""
 

@@ -26,9 +26,9 @@ class CalibrationStarted(msgspec.Struct, frozen=True):
 
     platform: str
     vehicle: VehicleState | None = None
-    """Its state when it had accepted the order to the motors; null: the inertial unit was calibrated."""
+    """State of the vehicle that accepted the order to its motors, or null for the inertial unit."""
     sensor: SensorCalibrated | None = None
-    """Result of the inertial unit; null: the motors are calibrated."""
+    """Result of the inertial unit, or null for a calibration of the motors."""
 
 
 async def calibrate_motors(session: Session, platform: str) -> None:

@@ -63,6 +63,7 @@ TRANSITIONS: Final[dict[tuple[DriveMode, DriveEvent], DriveMode | None]] = {
     (_HOLD, DriveEvent.EXPIRED): _HOLD,
     (_HOLD, DriveEvent.RELEASE): _AUTO,
     (_HOLD, DriveEvent.ORDER): _AUTO,
+    # the set-points have stopped, so no person flies any more
     (_HOLD, DriveEvent.RECOVERY): _AUTO,
     (_HOLD, DriveEvent.SWITCH_MANUAL): _PILOT,
     (_HOLD, DriveEvent.SWITCH_AUTO): _HOLD,
@@ -70,6 +71,7 @@ TRANSITIONS: Final[dict[tuple[DriveMode, DriveEvent], DriveMode | None]] = {
     (_PILOT, DriveEvent.SETPOINT): None,
     (_PILOT, DriveEvent.EXPIRED): _PILOT,
     (_PILOT, DriveEvent.RELEASE): _PILOT,
+    # the safety pilot decides: nothing but the switch ends this mode
     (_PILOT, DriveEvent.ORDER): None,
     (_PILOT, DriveEvent.RECOVERY): None,
     (_PILOT, DriveEvent.SWITCH_MANUAL): _PILOT,

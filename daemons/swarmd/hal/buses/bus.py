@@ -62,6 +62,7 @@ def opening_error(path: str, error: OSError) -> DeviceError:
 
 def transfer_error(path: str, error: OSError) -> DeviceError:
     """Error of a failed transfer on an open bus."""
+    # before the others: ENXIO means absent at the opening, but silent in a transfer
     if error.errno in _SILENT:
         return DeviceError(f"{path}: the device does not answer ({error.strerror})")
     if error.errno == errno.ENODEV:

@@ -115,10 +115,12 @@ class SpiBus(RegisterBus):
 
     def write(self, register: int, data: bytes) -> None:
         """Sends the number of the register and its contents."""
+        # the highest bit of the number selects reading
         self._transfer(bytes([register & ~_SPI_READ]) + data)
 
     def _transfer(self, data: bytes) -> bytes:
         sent = ctypes.create_string_buffer(data, len(data))
+        # SPI receives while it sends, so both buffers have the same length
         received = ctypes.create_string_buffer(len(data))
         order = bytearray(
             _SPI_TRANSFER.pack(

@@ -71,6 +71,7 @@ class ImuCorrector:
 
     def apply(self, imu: Imu) -> Imu:
         """The sample with the correction applied."""
+        # most units are not calibrated, and each sample would cost two rotations
         if self._trivial:
             return imu
         one = self.correction
@@ -135,6 +136,7 @@ class AccelerometerFaces:
         Raises: Denied when the vehicle moved or is oblique.
         """
         check_still(samples)
+        # uncorrected, as a former calibration is replaced and not refined
         mean = _mean([_force(one) for one in samples])
         # the axis that carries most of gravity is the vertical one
         axis = max(range(3), key=lambda index: abs(mean[index]))

@@ -67,6 +67,7 @@ def line_loads(uses: Iterable[tuple[str, LineUse]], capacities: Mapping[str, flo
             device,
             tuple(sorted({driver for driver, _ in found})),
             round(sum(use.bit_s for _, use in found), 1),
+            # the slowest driver sets the rate of a bus that several share
             capacities.get(device, min(use.capacity_bit_s for _, use in found)),
         )
         for device, found in sorted(by_device.items())

@@ -82,6 +82,7 @@ class Camera(BlockingSensor[Image]):
     def _compressed(self, stream: Any) -> Iterator[Image]:
         """Yields the JPEG pictures of a compressing camera, without decoding them."""
         for packet in self._container.demux(stream):
+            # an empty packet flushes the decoder at the end, and is not a picture
             if packet.size:
                 yield Image(stream.width, stream.height, ImageEncoding.JPEG, bytes(packet))
 
@@ -93,6 +94,7 @@ class Camera(BlockingSensor[Image]):
         for frame in self._container.decode(stream):
             plane = frame.reformat(config.width, config.height, format=name).planes[0]
             data, row, size = bytes(plane), config.width * pixel_bytes, plane.line_size
+            # decoders align the rows in memory, and an image has them without gaps
             if size != row:
                 data = b"".join(data[at : at + row] for at in range(0, size * config.height, size))
             image = Image(config.width, config.height, pixels, data)

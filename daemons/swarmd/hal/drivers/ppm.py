@@ -49,7 +49,9 @@ class PpmReceiver(Sensor):
         Raises: DeviceGone when the line is lost; DeviceError when no valid frame arrives.
         """
         if self._edges is not None:
+            # before the frames: a lost line would otherwise count as a silent receiver
             self._edges.check()
+        # by frames and not by edges: noise on an open line has edges as well
         if self._decoder.valid != self._valid:
             self._valid, self._received_ns = self._decoder.valid, now_ns
             return True

@@ -76,6 +76,7 @@ class PwmFlight(FlightController):
         settings = self._settings
         numbers = [one.channel for one in settings.motors] + [one.channel for one in settings.servos]
         for number in numbers:
+            # in flight the channels keep their pulses while they are opened
             self._channels.append(PwmChannel(settings.device, number, 1 / settings.pulses_hz, keeps=keeps))
         if not keeps:
             self._stop()
@@ -128,6 +129,7 @@ class PwmFlight(FlightController):
             return
         report = self._switch.on_order(order, module.now_ns())
         if not report.armed:
+            # not in the next period, which may be late
             thread.post(self._stop)
         self.on_report(report, module.now_ns())
 
@@ -151,6 +153,7 @@ class PwmFlight(FlightController):
 
     def _carry(self, widths_us: Sequence[float]) -> None:
         """Sets the changed pulses, in the thread of the device."""
+        # the other process may have ended the pulses, so their present widths are not known
         if self._end_writer is not None and self._end_writer.keep():
             self._widths_us = ()
             for channel in self._channels:

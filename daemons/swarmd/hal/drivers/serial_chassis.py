@@ -62,6 +62,7 @@ class SerialChassis(Chassis):
             try:
                 found = telemetry(frame)
             except WireError as error:
+                # counted and dropped: a damaged frame on a serial line is normal
                 self._decoder.refused[str(error)] += 1
                 continue
             now_ns = self.module.now_ns()
@@ -70,8 +71,10 @@ class SerialChassis(Chassis):
             self.on_report(found.report, now_ns)
 
     def _publish_battery(self, found: Telemetry, now_ns: int) -> None:
+        # thinned here, as telemetry comes much more often than a battery changes
         if found.battery is None or self.module is None or now_ns - self._battery_ns < _BATTERY_NS:
             return
+        # opened at the first value: a chassis without a gauge must not have the board
         if self._battery is None:
             writer = self.module.writer("power/battery", BatteryState, rate_hz=1.0)
             self._battery = self.managed(self.module, writer)

@@ -33,6 +33,7 @@ class Servos(BlockingDevice, Actuator):
         config = self._config
         for one in config.outputs:
             self._channels.append(PwmChannel(config.device, one.channel, 1 / config.rate_hz))
+        # before the first set-point, so that no output has the width of a former process
         self._carry([one.safe_us for one in config.outputs])
         pairs = zip(self._channels, config.outputs, strict=True)
         texts = [text for channel, one in pairs for text in channel.texts(one.safe_us)]
@@ -43,6 +44,7 @@ class Servos(BlockingDevice, Actuator):
         """Sets the widths that changed."""
         if self._boards is None:
             return False
+        # the other process may have set safe widths, so the present ones are not known
         if self._end_writer is not None and self._end_writer.keep():
             self._widths_us = []
             for channel in self._channels:

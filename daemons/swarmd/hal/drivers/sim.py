@@ -184,6 +184,7 @@ class SimSonar(SimSensor[Range, Float]):
     def publication(self, module: Module) -> BoardWriter[Float]:
         """Opens the board of the height, without a rate: a sonar out of range publishes nothing, which is
         not a fault."""
+        # heights from before a restart would delay the first new ones
         self._filter.reset()
         return module.writer("sensor/height", Float, unit="m", link="request")
 

@@ -69,6 +69,7 @@ class VescMotors(Actuator):
             if found is None:
                 continue
             self._received_ns[i] = now_ns
+            # controllers report more often than an operator or a log needs
             if now_ns - self._published_ns[i] >= 1e9 / _STATE_HZ:
                 self._published_ns[i] = now_ns
                 self._writers[i].write(found, now_ns)
@@ -108,6 +109,7 @@ class VescMotors(Actuator):
         """Releases the motors, and closes bus and boards."""
         if self._bus is not None:
             for motor in self._config.motors:
+                # the motors would otherwise run until the time-out of their controllers
                 self._release(self._bus, motor.controller)
             self._bus.close()
             self._bus = None

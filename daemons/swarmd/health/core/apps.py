@@ -66,6 +66,7 @@ class WatchedApps:
         if app.pid != pid or app.state == DIED:
             app.pid = pid
             app.state = OK_STATE
+            # a full time until its first heartbeat, whatever the former process did
             app.since_ns = app.beat_ns = now_ns
         app.resources = resources
         return app
@@ -135,5 +136,6 @@ class WatchedApps:
 
     def count(self) -> tuple[int, int]:
         """Numbers of alive and of failed applications."""
+        # a service that was restarted in its process is alive again
         failed = sum(app.state in {DIED, HUNG} for app in self._apps.values())
         return len(self._apps) - failed, failed

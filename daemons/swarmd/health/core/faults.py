@@ -69,6 +69,7 @@ class FaultTable:
         for fault in faults:
             self._open[fault.check] = fault
             if fault.phase is Phase.HEALED:
+                # the clear time begins again, as the passes before the kill are not known
                 self._clear_at_ns[fault.check] = now_ns + self._clear_ns
 
     def set_clear_time(self, check: str, clear_s: float) -> None:
@@ -131,6 +132,7 @@ class FaultTable:
         """Clears the fault of a withdrawn check; returns the fault if it is to be published."""
         self._clear_ns_by_check.pop(check, None)
         healed = self.on_passed(check, now_ns)
+        # at once: without its check nothing can pass or fail any more
         return self._clear(check) if check in self._open else healed
 
     def advance(self, now_ns: int) -> list[Fault]:

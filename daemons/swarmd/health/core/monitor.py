@@ -246,6 +246,7 @@ class MonitorCore:
         """Takes the status board of an application."""
         if self.apps.on_status(app, status, now_ns):
             self._update_app_fault(app, now_ns)
+            # the guard restarts all others, and only the monitor watches the guard
             if app.name == GUARD and app.state == HUNG:
                 self._actions.append(GuardHung(app.pid))
         return self._take_actions()
@@ -291,6 +292,7 @@ class MonitorCore:
     def on_age_sample(self, age: AgeRule, position: int, now_ns: int) -> list[Action]:
         """Takes a sample of the position of a resource's ring, which moves with each value."""
         age.on_sample(position, now_ns)
+        # an application that has just started cannot have written yet
         if age.in_grace(now_ns):
             return []
         if age.state == OK_STATE and age.raw == OK_STATE:
@@ -370,6 +372,7 @@ class MonitorCore:
             self.apps.extend_heartbeats(late_ns)
             for age in self._ages.values():
                 age.extend(late_ns)
+        # at multiples of the period, as other services: shared instants wake the computer less often
         self._next_read_ns = (now_ns // self._period_ns + 1) * self._period_ns
         values = now_ns >= self._next_values_ns
         if values:
@@ -435,6 +438,7 @@ class MonitorCore:
     def _battery(self) -> tuple[Literal["unknown", "ok", "low", "critical"], float]:
         age = self._ages.get(BATTERY_PATH)
         rule = next((one for one in self._rules.values() if one.path == BATTERY_PATH), None)
+        # an old charge could hide an empty battery
         if rule is None or rule.value is None or (age is not None and not age.fresh):
             return "unknown", -1.0
         ratio = round(round(rule.value / BATTERY_STEP) * BATTERY_STEP, 2)

@@ -130,6 +130,7 @@ def fence(picture: Picture) -> str | None:
         return None
     if age_s > FENCE_S:
         return f"no state of the fence (nav/fence) for {age_s:.0f} s"
+    # without a position it is not known, which refuses the arming with the reason of the fence
     if state.inside is None:
         return state.note
     distance_m = state.distance_m or 0.0

@@ -30,6 +30,7 @@ class RegisteredCheck(msgspec.Struct):
     @property
     def silent_ns(self) -> int:
         """Time without a report after which the check is silent."""
+        # modules repeat their reports once per REPORT_S, even if the check runs more often
         period_s = max(REPORT_S, 1 / self.registration.frequency_hz)
         return round(SILENT_PERIODS * period_s * 1e9)
 
@@ -103,6 +104,7 @@ class RegisteredChecks:
     def on_report(self, app: str, report: CheckReport, now_ns: int) -> RegisteredCheck | None:
         """Stores a report; returns its check, or None if this application has not registered the check."""
         known = self._checks.get(report.check)
+        # a module must not report on the checks of another one
         if known is None or known.registration.app != app:
             return None
         known.updated_ns = now_ns

@@ -118,6 +118,7 @@ class CirclingController:
     def descend(self, pose: Pose, stay: Target, speed_m_s: float) -> Target:
         """Target of a landing: down on a circle, then along the final approach."""
         approach = self._approach
+        # planned once: a new plan at each step would move the touch-down with the aircraft
         if approach is None or approach.stay != stay:
             course = _course_rad(pose)
             radius = self.circle_m
@@ -136,6 +137,7 @@ class CirclingController:
         cos, sin = math.cos(approach.course_rad), math.sin(approach.course_rad)
         if not approach.final:
             radius = self.circle_m
+            # centre of a circle to the left that touches the line at its begin
             x, y = x - radius * sin, y + radius * cos
             return Target(x, y, high_m, None, 0.0, (x, y), climb_m_s=self._limits.sink_max_m_s)
         dx, dy = approach.x_m - pose.x_m, approach.y_m - pose.y_m
@@ -160,6 +162,7 @@ class CirclingController:
         """
         limits = self._limits
         speed = min(target.speed_m_s, limits.airspeed_max_m_s)
+        # slower it would stall
         if speed < limits.airspeed_min_m_s:
             speed = limits.airspeed_cruise_m_s
         course, turn = self._guide(pose, target, speed)

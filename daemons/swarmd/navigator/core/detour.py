@@ -49,6 +49,7 @@ class Detour:
         dx, dy = ahead_m[0] - pose.x_m, ahead_m[1] - pose.y_m
         distance = math.hypot(dx, dy)
         things = self._obstacles(pose, around)
+        # without an obstacle the side is open again for the next one
         if distance < 1e-6 or not things:
             self._side = 0.0
             return ahead_m

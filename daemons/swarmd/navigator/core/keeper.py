@@ -71,10 +71,12 @@ class FormationKeeper:
         slot = self._formation.slot(pose, (0.0, 0.0, 0.0))
         s = course.project(pose.x_m, pose.y_m, slot.leader_s_m)
         remaining = course.length_m - s
+        # bounded: after a pause the speed must not jump by the whole time
         dt_s = min(max((now_ns - self._ns) / 1e9, 0.0), 0.2)
         self._ns = now_ns
         config, goal = self._config, self._goal
         if goal.advance:
+            # speed from which the leader can still stop at the end of the course
             braking = math.sqrt(2 * config.course_accel_m_s2 * max(0.0, remaining))
             speed = min(
                 self._speed_m_s + config.course_accel_m_s2 * dt_s, goal.speed_m_s, max(braking, _CREEP_M_S)
@@ -109,6 +111,7 @@ class FormationKeeper:
             slot.y_m,
             slot.z_m,
             slot.yaw_rad,
+            # a moving slot sets the speed itself, by its velocity
             self._goal.speed_m_s if still else math.inf,
             self._ahead(pose, slot, offset),
             (slot.vx_m_s, slot.vy_m_s, slot.vz_m_s),
@@ -127,6 +130,7 @@ class FormationKeeper:
         ahead, beside = dx * cos + dy * sin, abs(dy * cos - dx * sin)
         x, y = target.x_m - _RUN_UP_M * cos, target.y_m - _RUN_UP_M * sin
         if self._approaching:
+            # once begun it is driven to the end, or the vehicle would turn back and forth
             self._approaching = math.hypot(x - pose.x_m, y - pose.y_m) > _RUN_UP_DONE_M
         else:
             self._approaching = (

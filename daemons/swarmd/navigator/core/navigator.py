@@ -99,6 +99,7 @@ class NavigatorCore:
         delay_ns = self._delay.recent_ns(now_ns)
         # a measurement may have waited for its driver and for this step, both of which were delayed
         late_ns = max(late_ns, TURNS * delay_ns)
+        # the set-point in force since the last step, which explains the motion up to now
         self._estimation.on_setpoint(self._guidance.setpoint)
         pose = self._estimation.step(now_ns, late_ns)
         if self._height_ns is None:

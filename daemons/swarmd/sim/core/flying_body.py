@@ -79,6 +79,7 @@ class FlyingBody:
 
     def _touch_down(self) -> float:
         body = self._body
+        # read before the body is put upright, which changes all three
         speed_m_s, sink_m_s, tipped = math.hypot(*body.velocity_m_s), -body.velocity_m_s[2], body.up < _TIPPED
         body.stand(0.0)
         self.landed = True

@@ -74,6 +74,7 @@ class Ground:
 
     def stop_at(self, x_m: float, y_m: float, z_m: float) -> None:
         """Stops the vehicle at an obstacle that it hit."""
+        # without speed: the obstacle has taken it
         self.state = GroundState(x_m, y_m, self.state.yaw_rad)
 
     def pose(self) -> Pose:

@@ -38,6 +38,7 @@ class SensorErrors:
         self._gauss = gauss
         self._uniform = uniform
         self._yaw_bias_rad = gauss(0.0, config.yaw_bias_sigma_rad)
+        # begins in its stationary distribution, so that no time is needed to settle
         self._bias_m = [gauss(0.0, config.gnss_bias_sigma_m) for _ in range(3)]
 
     def gnss(self, pose: Pose, since_s: float) -> GnssFix:

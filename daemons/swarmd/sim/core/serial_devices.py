@@ -99,6 +99,7 @@ class SerialDevices:
             try:
                 content = command(body)
             except WireError:
+                # counted and dropped, as the firmware of a chassis does
                 self.refused += 1
                 continue
             if isinstance(content, Setpoint):

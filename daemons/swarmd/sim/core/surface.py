@@ -80,6 +80,7 @@ class Surface:
 
     def stop_at(self, x_m: float, y_m: float, z_m: float) -> None:
         """Stops the vessel at an obstacle that it hit."""
+        # without speed: the obstacle has taken it
         self.state = SurfaceState(x_m, y_m, self.state.yaw_rad)
 
     def pose(self) -> Pose:

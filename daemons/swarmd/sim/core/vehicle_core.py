@@ -60,6 +60,7 @@ class VehicleCore:
     def on_timer(self, now_ns: int) -> list[Action]:
         """Requests the inputs of the due sample."""
         neighbours = now_ns >= self._next_contacts_ns
+        # rarer than the samples, since poses of others cost a read each
         if neighbours:
             self._next_contacts_ns = now_ns + self._contacts_ns
         return [ReadBoards(neighbours)]

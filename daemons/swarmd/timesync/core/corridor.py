@@ -172,6 +172,7 @@ def widest(line: Callable[[float], tuple[float, float]], limit: float) -> float:
     left, right = -limit, limit
     g_left, slope_left = line(left)
     g_right, slope_right = line(right)
+    # the maximum lies at or beyond the limit of the skew
     if slope_left <= 0:
         return left
     if slope_right >= 0:
@@ -287,6 +288,7 @@ class Corridor:
         A line still fits between the two offsets, with an invalid bound until the window has passed. The
         evidence: since some instant one side is tighter than before, and the other looser by the same step.
         """
+        # in a short span the spread is not known, against which a step is judged
         if -min(upper[0][0], lower[0][0]) < SETTLED_S:
             return False
         skew = self.skew
@@ -355,5 +357,6 @@ def _trust(above: list[float], below: list[float], span_s: float) -> float:
 
 def _spread(residuals: list[float]) -> float:
     """Mean gap of the tightest points: the uncertainty of the envelope on this side."""
+    # only the tightest: looser points measure the delays of the link, not the clocks
     last = min(SPREAD_POINTS, len(residuals)) - 1
     return (residuals[last] - residuals[0]) / last if last else 0.0

@@ -68,6 +68,7 @@ class ExchangeCore:
         self._far = self._far_platforms(table, now_ns) if self._config.compose else {}
         self._open = self._missing | self._time.stated() | set(self._far.values())
         actions: list[Action] = [RequestFunctions(platform) for platform in sorted(self._open)]
+        # without a request nothing would end the round
         if not actions:
             self._end_round(now_ns)
         return actions

@@ -110,6 +110,7 @@ def encode(report: Report) -> bytes:
             lost = max(-0x80_0000, min(report.lost, 0x7F_FFFF)) & 0xFF_FFFF
             block = _BLOCK.pack(
                 report.source,
+                # a fixed-point fraction of 8 bits, so a loss of all packets is 255
                 min(255, int(report.lost_ratio * 256)) << 24 | lost,
                 report.highest & 0xFFFF_FFFF,
                 min(report.jitter, 0xFFFF_FFFF),
@@ -164,6 +165,7 @@ def decode(data: bytes) -> list[Report]:
             raise WireError(f"RTCP packet of {len(data) - at} bytes: expected at least 8")
         first, kind, length = _HEAD.unpack_from(data, at)
         end = at + 4 + 4 * length
+        # every type begins with the number of its sender, so a length of 0 is invalid
         if first >> 6 != 2 or end > len(data) or not length:
             raise WireError(f"RTCP packet at byte {at}: of another version, or cut short")
         reports += _decoded(first & 0x1F, kind, data[at + 4 : end])

@@ -54,6 +54,7 @@ def decode(data: bytes) -> RtpPacket:
     first, second, sequence, timestamp, ssrc = _HEADER.unpack_from(data)
     if first >> 6 != VERSION:
         raise WireError(f"RTP packet of version {first >> 6}: expected {VERSION}")
+    # the low four bits count the contributing sources, of four bytes each
     start, end = HEADER_BYTES + 4 * (first & 0x0F), len(data)
     if first & 0x10:
         if end < start + 4:

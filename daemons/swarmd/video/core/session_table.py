@@ -79,6 +79,7 @@ class SessionTable(Generic[Sent, Received]):
         Raises: OutOfRange when no session is replaced and the table is full.
         """
         for key in self.received:
+            # by name: a restarted sender has chosen another number
             if self._names.get(key) == (source, sender):
                 return key
         self._check_room(len(self.received))

@@ -44,7 +44,7 @@ class Credentials(msgspec.Struct, frozen=True):
     roster: bytes
     """The signed roster; it is verified where it is decoded."""
     ahead_s: float | None = None
-    """This node's wall clock minus the inviter's, or None if unknown."""
+    """Wall clock of this node minus the inviter's, or None if unknown."""
     broker_port: int = 0
     """UDP port of the broker on the inviter's computer, or 0 without a fixed one."""
     inviter: str = ""

@@ -39,7 +39,7 @@ class JoinRefusal(IntEnum):
     USED = 2
     """Another node has joined with the token."""
     EXPIRED = 3
-    """Its time is over, by the inviter's clock."""
+    """The token has expired, by the inviter's clock."""
     OTHER_PLATFORM = 4
     """The invitation is of another platform than the node that asks."""
     PROOF = 5

@@ -42,7 +42,7 @@ class Candidate(msgspec.Struct, frozen=True):
     sign_public: bytes
     """Ed25519 public key that it made."""
     proof: bytes
-    """Its signature of the request, see `proof_of`."""
+    """Signature of the request by the platform's key, see `proof_of`."""
 
 
 class Root:

@@ -34,7 +34,7 @@ class RosterMember(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def user(self) -> str:
-        """Its key as a word, which names the other end of a connection."""
+        """Key of the member as a word, which names the other end of a connection."""
         return self.curve_public.hex()
 
 
@@ -80,7 +80,7 @@ class RosterChange(msgspec.Struct, frozen=True):
     rotated: bool = False
     """There is a new group key."""
     revoked_self: bool = False
-    """This node is not a member with its present key."""
+    """True if this node is not a member with its present key."""
 
     @property
     def renamed(self) -> dict[str, str]:

@@ -27,7 +27,7 @@ class Owner(msgspec.Struct, frozen=True):
 
     @classmethod
     def current(cls) -> "Owner":
-        """This process as an owner."""
+        """Owner that stands for this process."""
         pid = os.getpid()
         return cls(pid, start_ticks(pid), boot_id())
 

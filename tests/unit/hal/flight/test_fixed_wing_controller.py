@@ -31,7 +31,7 @@ def fly(
     rates: Vector = (0.0, 0.0, 0.0),
     landed: bool = False,
 ) -> ActuatorOutputs:
-    """Outputs for a flight to the east; negative pitch has the nose up."""
+    """Outputs for a flight to the east, where a negative pitch has the nose up."""
     state = FlightState(roll, pitch, 0.0, rates, (0.0, 0.0, height), (speed, 0.0, climb))
     return FixedWingController(AIRFRAME).update(wanted, state, landed=landed, dt_s=DT)
 

@@ -34,7 +34,7 @@ class GroupEpochs:
         return self.sealing is not self._newest
 
     def switch(self, all_have_it: bool, now_ns: int) -> bool:
-        """Seal with the newest key if it is time; whether that has changed now."""
+        """Seal with the newest key if it is time; returns True if the key changed."""
         if not self.is_switching or not (all_have_it or now_ns >= self._switch_ns):
             return False
         self.sealing = self._newest

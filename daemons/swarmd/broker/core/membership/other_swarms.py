@@ -39,7 +39,7 @@ class OtherSwarms:
         self._swarms: dict[int, _Swarm] = {}
 
     def on_unopened(self, session: int | None, address: Address, now_ns: int) -> bool:
-        """Takes a datagram that was not opened; whether it is of another swarm."""
+        """Takes a datagram that was not opened; returns True if it is of another swarm."""
         if session is not None:
             self._marks.pop(address, None)
             # addresses can be invented, so the oldest one goes

@@ -93,7 +93,7 @@ class SessionOutcome(msgspec.Struct, frozen=True, gc=False):
     accepted: bool
     """The datagram belongs to the accepted session of its sender."""
     adopted: bool = False
-    """This datagram made the session the accepted one."""
+    """True if this datagram made the session the accepted one."""
     soon: bool = False
     """A question or an answer is due: trigger a beacon."""
     prove: bool = False
@@ -313,7 +313,7 @@ class Sessions:
         return adopted
 
     def _ask(self, hw: int, claim: _PendingSession, prove: bool, now_ns: int) -> bool:
-        """Asks about a session; whether that triggers a beacon."""
+        """Asks about a session; returns True if that triggers a beacon."""
         if now_ns - claim.asked_ns < AGAIN_NS:
             return False
         claim.asked_ns = now_ns

@@ -240,9 +240,11 @@ class FlightCore:
             # integrated in steps of the control period, as if the samples had arrived
             sample = between(before, imu, number * gap_s / count, gap_s, timing.held_s)
             self._integrate(sample, gap_s / count, trusted=False)
+        # after the integration: the errors that it made grow with the gap
         self._motion.on_gap(gap_s)
         self._controller.resume()
         self._dt_s = timing.period_s
+        # shorter gaps ended before the motors had stopped
         if gap_s > timing.held_s + _END_S:
             self.lost = self._uncatchable(imu, gap_s)
 
@@ -270,6 +272,7 @@ class FlightCore:
         tilt_rad = tilt(self.state())
         if gap_s > self._timing.held_s + FALL_MAX_S:
             return f"{gap_s:.2f} s without a step, expected at most {self._timing.held_s + FALL_MAX_S:g} s"
+        # it stands on the ground or hangs, and thrust from the held state would throw it
         if force > _FALL_MAX_M_S2:
             return f"{gap_s:.2f} s without a step, and the vehicle does not fall: {force:.1f} m/s² on it"
         if tilt_rad > _FALL_TILT_RAD:
@@ -301,6 +304,7 @@ class FlightCore:
             return None
         self._fresh = False
         if not self._armed:
+            # integrals from the last flight would tilt the next take-off
             self._controller.reset()
             self.watch.on_disarmed()
             return _OFF

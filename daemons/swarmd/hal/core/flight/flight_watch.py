@@ -86,6 +86,7 @@ class FlightWatch:
             self._airborne_ns = now_ns if self._airborne_ns is None else self._airborne_ns
             return False
         begun_ns, self._airborne_ns = self._airborne_ns, None
+        # neither a take-off that touches again nor a commanded landing is a fault
         if begun_ns is None or now_ns - begun_ns < SETTLED_NS or step.climb_m_s < DESCENT_M_S:
             return False
         self._state(

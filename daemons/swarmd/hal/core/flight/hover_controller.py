@@ -131,6 +131,7 @@ class HoverController(ABC):
         Raises: Denied when a name is unknown or a value out of range; no gain is changed then.
         """
         self._gains = changed(self._gains, gains)
+        # gaps that were seen still limit the new gains
         self._in_force = softened(self._gains, self._gap_s)
 
     @property
@@ -141,6 +142,7 @@ class HoverController(ABC):
     def update(self, wanted: Setpoint, state: FlightState, *, landed: bool, dt_s: float) -> ActuatorOutputs:
         """Computes the outputs of one control step of an armed vehicle."""
         if landed:
+            # an integral that grows against the ground would throw the vehicle up at the take-off
             self.reset()
             if wanted.vz_m_s < _LIFT_M_S:
                 self.lift_ratio = 0.0

@@ -166,6 +166,7 @@ class MotorSwitch:
         state = sample.state
         still = abs(state.velocity_m_s[2]) < STILL_M_S
         match self._phase:
+            # by the command, since no sensor shows contact with the ground
             case MotorPhase.GROUNDED if sample.lift_ratio > LIFT_RATIO:
                 return MotorEvent.LIFTED, LIFT_NS
             case MotorPhase.AIRBORNE if (
@@ -185,6 +186,7 @@ class MotorSwitch:
 
     def outputs(self, outputs: ActuatorOutputs) -> ActuatorOutputs:
         """Outputs for the actuators, without motor outputs unless the motors are armed."""
+        # servos stay under control: they do not drive the vehicle
         return outputs if self._phase in _ARMED else ActuatorOutputs((), outputs.servos)
 
     def _change(self, event: MotorEvent) -> None:

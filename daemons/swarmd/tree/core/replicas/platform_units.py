@@ -135,7 +135,7 @@ class PlatformUnits:
             yield replica.address.path
 
     def update_wants(self, platform: str) -> bool:
-        """Match structures and subscriptions of a platform; whether what beacons should bring changed."""
+        """Match a platform's structures and subscriptions; True if the wanted beacon values changed."""
         if platform == self._own.platform:
             return False  # this platform's values are notified
         units = self.of(platform)

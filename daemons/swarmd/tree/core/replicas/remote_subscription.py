@@ -108,7 +108,7 @@ class RemoteSubscription:
         self._compare()
 
     def on_asked(self) -> bool:
-        """A request is sent; whether it renews what the other platform should have, without a body."""
+        """A request is sent; returns True if it only renews the former subscription, without a body."""
         # a renewal carries only the digest, where a body may have many patterns
         renews = self.state is SubscriptionState.UNVERIFIED
         self._on(SubscriptionEvent.ASKED)

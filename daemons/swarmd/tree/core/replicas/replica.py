@@ -144,7 +144,7 @@ class Replica:
         return 1 / max_hz if max_hz > 0 else rule_for(path, self.subscription.wanted.rules).min_interval_s
 
     def set_limits(self, limits: tuple[BoardLimit, ...]) -> None:
-        """Its owner sent the limits in force. Raises: InvalidInput for an invalid pattern."""
+        """The owner has sent the limits in force. Raises: InvalidInput for an invalid pattern."""
         for one in limits:
             pattern(one.pattern)
         self.limits = limits

@@ -153,7 +153,7 @@ class Replicas:
             self._forget_later(replica, now_ns)
 
     def remove(self, platform: str) -> bool:
-        """Forget a platform that has left the swarm, also its last values; whether it was known.
+        """Forget a platform that has left the swarm, also its last values; returns True if it was known.
 
         Raises: Conflict when it is reachable, and would be known again at once.
         """

@@ -127,7 +127,7 @@ class StructureReplica:
     # -- the exchange
 
     def on_asked(self) -> bool:
-        """A request is sent; whether it is for the full structure."""
+        """A request is sent; returns True if it is for the full structure."""
         # the reply is newer than all reports so far
         self._before_request, self._announced = self._advertised, None
         self._on(StructureEvent.ASKED)

@@ -21,7 +21,7 @@ class Leaf(msgspec.Struct, frozen=True, gc=False):
 
     resource: Resource
     lost: bool
-    """Its owner ran and has ended."""
+    """True if the owner ran and has ended."""
     mark: int
     """64-bit hash of the two: the digest of an index is the exclusive or of its marks."""
 

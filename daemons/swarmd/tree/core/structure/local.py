@@ -98,7 +98,7 @@ class LocalTree:
         return version(self.epoch, self.index.digest)
 
     def set_live(self, provided: Iterable[Resource], now_ns: int) -> bool:
-        """Set the resources of the running applications; whether the structure changed.
+        """Set the resources of the running applications; returns True if the structure changed.
 
         A resource whose number in frames an earlier one has is left out: `refused` names both.
         """
@@ -134,12 +134,12 @@ class LocalTree:
         return leaf(resource if link == resource.link else msgspec.structs.replace(resource, link=link))
 
     def set_links(self, link_of: Callable[[Resource], Link]) -> bool:
-        """Set how the values of resources travel; whether the structure changed."""
+        """Set how the values of resources travel; returns True if the structure changed."""
         self._link_of = link_of
         return self._change(map(self._leaf, self._live), ())
 
     def set_elsewhere(self, paths: Collection[str]) -> bool:
-        """Set what other units of this platform provide; whether the structure changed."""
+        """Set what other units of this platform provide; returns True if the structure changed."""
         before, self._elsewhere = self._elsewhere, frozenset(paths)
         removed = [path for path in self._elsewhere - before if path not in self._live]
         for path in removed:
@@ -166,7 +166,7 @@ class LocalTree:
         return msgspec.structs.replace(base, owner=owner)
 
     def advance(self, now_ns: int) -> bool:
-        """Mark resources as lost, remove expired ones; whether the structure changed."""
+        """Mark resources as lost, remove expired ones; returns True if the structure changed."""
         lost: list[Leaf] = []
         removed: list[str] = []
         for path, since_ns in list(self._gone.items()):

@@ -85,7 +85,7 @@ class LocalSubscriptions:
         """Invalid pattern of an application → the error."""
 
     def set_patterns(self, patterns: Iterable[str]) -> bool:
-        """Set the patterns of all applications; whether they changed."""
+        """Set the patterns of all applications; returns True if they changed."""
         grouped: dict[str, set[str]] = {}
         own_paths = set()
         self.refused = {}

@@ -57,9 +57,9 @@ class Subscriber:
         self.structure_ns: int | None = None
         """When a change of the structure is due to be sent, or None if the subscriber has the present one."""
         self.limits: tuple[BoardLimit, ...] = ()
-        """Limits in force of the boards that it subscribes to."""
+        """Limits in force of the boards that the platform subscribes to."""
         self.limits_sent: tuple[BoardLimit, ...] = ()
-        """Those that it was sent last."""
+        """Limits that the subscriber was sent last."""
         self.limits_ns: int | None = None
         """When changed limits are due to be sent, or None if they have not changed."""
         self._behind: set[str] = set()
@@ -71,7 +71,7 @@ class Subscriber:
 
     @property
     def feeds(self) -> dict[str, Feed]:
-        """Its feeds by path."""
+        """Feeds of the subscriber by path."""
         return self.plan.feeds
 
     @property
@@ -86,11 +86,11 @@ class Subscriber:
         return max(self.lease_span_ns, *buffers_ns) if self.feeds else self.lease_span_ns
 
     def on_channels(self) -> None:
-        """Its feeds, or the settings of their channels, have changed."""
+        """The feeds, or the settings of their channels, have changed."""
         self._histories = [feed.history for feed in self.feeds.values() if feed.history is not None]
 
     def on_reachable(self) -> None:
-        """It is reachable: retry at once."""
+        """The subscriber is reachable, so retries happen at once."""
         if not self.up:
             self._behind = {path for path, feed in self.feeds.items() if feed.latest_only}
         self.up = True
@@ -98,7 +98,7 @@ class Subscriber:
             lane.reset_backoff()
 
     def on_restarted(self, epoch: int) -> None:
-        """Its tree service has restarted and lost its values: send them again."""
+        """The subscriber's tree service has restarted and lost its values, which are sent again."""
         self.epoch = epoch
         for lane in self.lanes.values():
             lane.clear()
