@@ -22,6 +22,7 @@ MEANT: Final = {
     "daemons/swarmd/logger/upload.py:Upload.run": "back-off: a server that is away has no event",
     "daemons/swarmd/main.py:main": "limits the rate of restarts by systemd",
     "daemons/swarmd/mission/blocks/motions.py:HoldBlock.run": "the time in the mission",
+    "daemons/swarmd/mission/blocks/motions.py:WaypointsBlock.run": "the time in the mission",
     "daemons/swarmd/tree/exchange/placement.py:PlacementMeasurement._measure": "interval of the measurement",
     "lib/swarmware/health/monitor.py:HealthMonitor._keep_registered": "back-off: the monitor refused",
     "lib/swarmware/testing/firmware.py:ChassisFirmware._report_always": "the period of its reports",

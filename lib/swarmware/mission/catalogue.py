@@ -106,6 +106,27 @@ class Goto(Params, frozen=True):
     """Speed on the way."""
 
 
+class Waypoints(Params, frozen=True):
+    """Move to several positions, one after the other."""
+
+    points_m: Annotated[tuple[tuple[Metres, ...], ...], msgspec.Meta(min_length=1, max_length=1_000)]
+    """Positions [x, y], or [x, y, z] with a height; without a height a flying vehicle keeps its height."""
+    speed_m_s: Speed = 1.5
+    """Speed on the way."""
+    loiter_s: Annotated[float, msgspec.Meta(ge=0, le=3_600)] = 0.0
+    """Time that the vehicle stays at each position."""
+
+    def __post_init__(self) -> None:
+        """Check that each position has two or three coordinates."""
+        if any(len(point) not in {2, 3} for point in self.points_m):
+            raise InvalidInput("points_m: expected positions [x, y] or [x, y, z] in metres")
+
+    @property
+    def lasts_s(self) -> float:
+        """Time of all stays."""
+        return self.loiter_s * len(self.points_m)
+
+
 class Return(Params, frozen=True):
     """Move back to the place of arming."""
 
@@ -204,6 +225,7 @@ class BlockName(StrEnum):
     DISARM = "Disarm"
     TAKEOFF = "Takeoff"
     GOTO = "Goto"
+    WAYPOINTS = "Waypoints"
     RETURN = "Return"
     FORMATION = "Formation"
     LAND = "Land"
@@ -346,6 +368,17 @@ BLOCKS: Final = (
         motion=True,
         airborne=True,
         aliases=_POINT,
+    ),
+    BlockType(
+        BlockName.WAYPOINTS,
+        "Moves to several positions, one after the other.",
+        Waypoints,
+        timeout_s=1_800.0,
+        kinds=VEHICLES,
+        errors=MOTION_ERRORS,
+        motion=True,
+        airborne=True,
+        aliases=(("points", "points_m"), *_SPEED, ("loiter", "loiter_s")),
     ),
     BlockType(
         BlockName.RETURN,

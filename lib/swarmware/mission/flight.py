@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from swarmware.mission import plausible
-from swarmware.mission.catalogue import BlockName, End, Goto
+from swarmware.mission.catalogue import BlockName, End, Goto, Params, Waypoints
 from swarmware.mission.finding import Remark, Severity
 from swarmware.mission.model import MissionDefinition
 from swarmware.mission.net import Bits, Firing, Marking
@@ -25,13 +25,20 @@ def below_ground(mission: MissionDefinition) -> list[Remark]:
             block.id,
             "error",
             "below-ground",
-            f"{block.id!r} flies at a height of {block.params.z_m:g} m: "
+            f"{block.id!r} flies at a height of {height_m:g} m: "
             "expected above 0, or no `z_m` to keep the height",
         )
         for block in mission.blocks.values()
-        if isinstance(block.params, Goto) and block.params.z_m is not None
-        if -plausible.DEPTH_M <= block.params.z_m <= 0
+        for height_m in _heights(block.params)
+        if -plausible.DEPTH_M <= height_m <= 0
     ]
+
+
+def _heights(params: Params) -> list[float]:
+    """Heights to which a block moves the vehicle."""
+    if isinstance(params, Goto):
+        return [] if params.z_m is None else [params.z_m]
+    return [point[2] for point in params.points_m if len(point) == 3] if isinstance(params, Waypoints) else []
 
 
 class FlightPhases:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from typing import Final
 
-from swarmware.mission.catalogue import Formation, Goto, Takeoff
+from swarmware.mission.catalogue import Formation, Goto, Takeoff, Waypoints
 from swarmware.mission.finding import Remark, Severity
 from swarmware.mission.model import Block, MissionDefinition
 
@@ -30,6 +30,11 @@ def _block(block: Block) -> Iterator[Remark]:
         yield from _distance(block, "", params.x_m, params.y_m)
         if params.z_m is not None:
             yield from _height(block, params.z_m)
+    elif isinstance(params, Waypoints):
+        for number, (x_m, y_m, *z_m) in enumerate(params.points_m):
+            yield from _distance(block, f"points_m[{number}]: ", x_m, y_m)
+            for height_m in z_m:
+                yield from _height(block, height_m)
     elif isinstance(params, Takeoff):
         yield from _height(block, params.altitude_m)
     elif isinstance(params, Formation):

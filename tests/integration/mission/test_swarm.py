@@ -185,6 +185,27 @@ async def test_navigator_report_decides_how_motion_ends(tmp_path: Path, answer: 
 
 
 @on_uvloop
+async def test_waypoints_are_visited_in_their_order(tmp_path: Path) -> None:
+    text = """{"mission": {
+        "s": {"type": "Start", "next": "a"},
+        "a": {"type": "Arm", "next": "t"},
+        "t": {"type": "Takeoff", "alt": 5, "next": "way"},
+        "way": {"type": "Waypoints", "points": [[3, 4], [5, 6, 7]], "speed": 2, "loiter": 0.1, "next": "e"},
+        "e": {"type": "End"}
+    }}"""
+    async with swarm(tmp_path, "gcs", "uav1") as s:
+        vehicle = s["uav1"].vehicle
+        order = MissionTask("way", files=(MissionFile("way.json", text),), members=("uav1",))
+        await s.ask(TASK, order, TaskAnswer)
+        await s.until(lambda: s["uav1"].history[-1:] == ["done"])
+        assert s["uav1"].kinds == ["takeoff", "goto", "goto"]
+        first, second = vehicle.goals[1:]
+        # a position without a height keeps the present height
+        assert (first.x_m, first.y_m, first.z_m, first.speed_m_s) == (3.0, 4.0, 0.0, 2.0)
+        assert (second.x_m, second.y_m, second.z_m) == (5.0, 6.0, 7.0)
+
+
+@on_uvloop
 async def test_vehicle_that_does_not_arm_fails_mission(tmp_path: Path) -> None:
     async with swarm(tmp_path, "gcs", "ugv1", "uav1") as s:
         s["uav1"].vehicle.refuses_to_arm = True

@@ -45,6 +45,12 @@ def test_a_height_in_the_ground_is_refused(z_m: float) -> None:
     assert f"at a height of {z_m} m" in found(text)[0].message
 
 
+def test_waypoint_in_the_ground_is_refused() -> None:
+    way = {"type": "Waypoints", "points": [[1, 2], [3, 4, -1]], "next": "l"}
+    text = net(s="Start>q", q="Arm>t", t={**UP, "next": "g"}, g=way, l="Land>e", e="End")
+    assert rules(text) == [("error", "below-ground", "g")]
+
+
 def test_a_ground_vehicle_has_no_height() -> None:
     text = net(s="Start>g", g=go("e", z=0), e="End")
     assert rules(text, "ugv") == []
@@ -187,6 +193,12 @@ def test_mission_requiring_armed_motors_does_not_arm() -> None:
             "error",
             "40 m below",
         ),
+        (
+            {"type": "Waypoints", "points": [[0, 0], [90_000, 0]], "next": "l"},
+            "error",
+            "points_m[1]: 90000 m",
+        ),
+        ({"type": "Waypoints", "points": [[0, 0, 5], [1, 1, 450]], "next": "l"}, "warning", "450 m"),
     ],
 )
 def test_implausible_position_is_refused_and_near_limit_reported(

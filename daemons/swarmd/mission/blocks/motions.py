@@ -91,6 +91,27 @@ class GotoBlock:
         )
 
 
+class WaypointsBlock:
+    """Moves the vehicle to several positions."""
+
+    spec = spec("Waypoints")
+
+    async def run(self, context: Context) -> None:
+        """Ends when the vehicle has arrived at the last position and stayed there."""
+        params: catalogue.Waypoints = context.params
+        vehicle = context.vehicle
+        for number, (x_m, y_m, *z_m) in enumerate(params.points_m):
+            await vehicle.goto(
+                x_m,
+                y_m,
+                z_m[0] if z_m else vehicle.height_m if vehicle.flies else 0.0,
+                speed_m_s=params.speed_m_s,
+                progress=_part_of_way(context, number, len(params.points_m)),
+            )
+            if params.loiter_s:
+                await asyncio.sleep(params.loiter_s)
+
+
 class ReturnBlock:
     """Moves to the place where the vehicle was armed."""
 
@@ -128,6 +149,14 @@ class HoldBlock:
             lambda status: context.report(0.0, status.state),
         )
         await asyncio.sleep(params.s)
+
+
+def _part_of_way(context: Context, number: int, count: int) -> Progress:
+    """Reports the share of all legs that is done, and the distance to the next position."""
+    way = Way()
+    return lambda status: context.report(
+        (number + way.ratio(status)) / count, f"{status.distance_m:.1f} m to position {number + 1} of {count}"
+    )
 
 
 def remaining(context: Context, what: str) -> Progress:

@@ -13,6 +13,7 @@ from swarmd.mission.blocks.motions import (
     LandBlock,
     ReturnBlock,
     TakeoffBlock,
+    WaypointsBlock,
 )
 from swarmd.mission.blocks.requests import (
     RequestBlock,
@@ -32,6 +33,7 @@ BUILT_IN: Final[tuple[type, ...]] = (
     TakeoffBlock,
     LandBlock,
     GotoBlock,
+    WaypointsBlock,
     ReturnBlock,
     FormationBlock,
     HoldBlock,

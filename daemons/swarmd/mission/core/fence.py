@@ -10,7 +10,7 @@ from swarmd.mission.fence_config import FenceConfig
 from swarmware.errors import InvalidInput
 from swarmware.geometry.geodesy import LocalMap
 from swarmware.geometry.polygon import Point, contains, crosses, distance_to_boundary
-from swarmware.mission.catalogue import Formation, Goto, Takeoff
+from swarmware.mission.catalogue import Formation, Goto, Takeoff, Waypoints
 from swarmware.mission.model import MissionDefinition
 from swarmware.types.fence import FenceLimit, FenceState
 from swarmware.types.vehicle import Pose
@@ -161,6 +161,9 @@ def targets(mission: MissionDefinition, platform: str) -> Iterator[tuple[str, Po
         match params:
             case Goto():
                 yield name, (params.x_m, params.y_m), params.z_m
+            case Waypoints():
+                for x_m, y_m, *z_m in params.points_m:
+                    yield name, (x_m, y_m), z_m[0] if z_m else None
             case Takeoff():
                 yield name, None, params.altitude_m
             case Formation() if params.leader == platform:
