@@ -53,7 +53,7 @@ class CliSettings(NamedTuple):
 
     @property
     def config_dir(self) -> "Path | None":
-        """Folder of `--config` or, without `--lab`, of SWARM_CONFIG; None without either."""
+        """Folder of `--config` or, without `--lab`, of SWARM_CONFIG; it is None without either."""
         from pathlib import Path  # it imports the modules of addresses
 
         from swarmware.model.config import CONFIG_VARIABLE

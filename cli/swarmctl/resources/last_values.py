@@ -32,7 +32,7 @@ class LastValues(msgspec.Struct, frozen=True):
 
     platform: str
     seen_s: float | None
-    """Age of the newest datagram received here, or of the newest of these values; None if unknown."""
+    """Age of the newest datagram received here or of the newest of these values, or None if unknown."""
     mission: MissionState | None
     vehicle: VehicleState | None
     pose: Pose | None

@@ -261,7 +261,7 @@ def find_left(name: str = "") -> LabState:
 
 
 def chosen(settings: CliSettings) -> LabState | None:
-    """The named lab, or the newest that runs; None if a node of this machine is used instead.
+    """The named lab or the newest that runs, or None if a node of this machine is used instead.
 
     Raises: NotFound when the named one does not exist.
     """

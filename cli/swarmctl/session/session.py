@@ -49,7 +49,7 @@ class Session:
         self._routes: Routes | None = None
         self._known: tuple[str, ...] = ()
         self.classes: dict[tuple[str, str], type[msgspec.Struct] | None] = {}
-        """Payload types that are not installed here, by platform and name; None without a description."""
+        """Payload types that are not installed here, by platform and name, or None without a description."""
 
     def at(self, platform: str, out: Output, joint: JointConfirmation) -> Self:
         """This session for one of the selected nodes, which share one confirmation."""
@@ -164,7 +164,7 @@ class Session:
         return self._routes
 
     async def other_computers(self, platform: str) -> list[str]:
-        """Addresses of the computers of a platform beside `main`; empty if `platform` names one computer.
+        """Addresses of the computers of a platform beside `main`, or none if `platform` names one.
 
         Raises: as `routes`.
         """
@@ -199,7 +199,7 @@ class Session:
         raise NotFound(f"node {platform!r}: not known to {self.here}; expected one of {there}")
 
     async def known(self) -> tuple[str, ...]:
-        """All platforms whose tree is known here, even if unreachable; empty without a tree service."""
+        """All platforms whose tree is known here, even if unreachable, or none without a tree service."""
         if not self._known:
             # every list names the known platforms, so a pattern without a match is enough
             path, nothing = names.join(self.here, "sys/tree/list"), TreeList(f"/{self.here}/none", 1)

@@ -88,7 +88,7 @@ async def follow(
 
 
 async def _send(session: Session, name: str, order: MissionAbort) -> str:
-    """Why the command was not delivered; empty when it was."""
+    """Why the command was not delivered, or "" if it was."""
     try:
         await session.reach(name)
     except SwarmError as error:

@@ -163,7 +163,7 @@ class ManoeuvreProgress:
         self._end_stamp_ns = 0
 
     def verdict(self, snapshot: VehicleSnapshot, sequence: int, now_ns: int) -> bool | None:
-        """Whether the command succeeded; None while it is not decided."""
+        """Whether the command succeeded, or None while it is not decided."""
         mission = snapshot.mission
         # the mission runs, or its state is from before the command: an end seen earlier was another
         # mission's

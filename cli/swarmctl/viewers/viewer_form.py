@@ -26,7 +26,7 @@ def viewer_schema(type_name: str, description: str = "") -> dict[str, Any]:
 
 
 def _plain(node: dict[str, Any], defs: dict[str, Any], above: tuple[str, ...]) -> dict[str, Any] | None:
-    """The schema without references; None when it has no single type."""
+    """The schema without references, or None if it has no single type."""
     if "$ref" in node:
         name = node["$ref"].removeprefix("#/$defs/")
         # a type that contains itself has no schema without references

@@ -34,7 +34,7 @@ def formed_spans(goals: Mapping[str, Goals], end_s: float) -> tuple[tuple[float,
 
 
 def goal_at(goals: Goals, t_s: float) -> Goal | None:
-    """The goal in force at an instant; None before the first."""
+    """The goal in force at an instant, or None before the first."""
     at = bisect_right(goals, t_s, key=lambda item: item[0]) - 1
     return goals[at][1] if at >= 0 else None
 
@@ -44,7 +44,7 @@ def _advances(goal: Goal | None) -> bool:
 
 
 def leader_of(goals: Mapping[str, Goals]) -> str:
-    """Name of the leader; empty without a formation."""
+    """Name of the leader, or "" without a formation."""
     for known in goals.values():
         for _, goal in known:
             if goal.kind is GoalKind.FORMATION and goal.leader:
@@ -53,7 +53,7 @@ def leader_of(goals: Mapping[str, Goals]) -> str:
 
 
 def course_of(goals: Mapping[str, Goals]) -> tuple[tuple[float, float], ...]:
-    """Waypoints of the formation; empty without a course."""
+    """Waypoints of the formation, or none without a course."""
     courses = [
         goal.course for known in goals.values() for _, goal in known if goal.kind is GoalKind.FORMATION
     ]

@@ -26,7 +26,7 @@ def versions() -> dict[str, str]:
 
 
 def commit(package: Path | None = None) -> str:
-    """Commit of the sources, with -dirty where files differ; empty without git or outside of a checkout."""
+    """Commit of the sources, with -dirty where files differ, or "" without git or outside of a checkout."""
     package = package or Path(swarmware.__file__).parent
     # an installed package may lie in the checkout of another project, which does not track it
     if not _git(package, "ls-files", "--error-unmatch", "__init__.py"):

@@ -120,7 +120,7 @@ def _covered(samples_s: Floats, times_s: Floats, gap_s: float) -> NDArray[np.boo
 
 
 def closest(positions: Mapping[str, Floats], times_s: Floats) -> Separation | None:
-    """Minimum distance between any two vehicles; None without simultaneous positions."""
+    """Minimum distance between any two vehicles, or None without simultaneous positions."""
     best: Separation | None = None
     for one, other in combinations(sorted(positions), 2):
         distance = np.linalg.norm(positions[one] - positions[other], axis=1)

@@ -48,6 +48,7 @@ def check_database(uri: str, out: Output) -> None:
         return
     from swarmware.recorder.mongo import MongoStore, check_uri
 
+    # an invalid address never answers, so it is an error and not a warning
     check_uri(uri)
     store = MongoStore(uri, timeout_s=PATIENCE_S, answer_s=PATIENCE_S)
     try:

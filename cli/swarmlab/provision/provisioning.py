@@ -76,6 +76,7 @@ def make(spec: LabSpec) -> LabState:
     if spec.net not in NETS:
         raise InvalidInput(f"--net {spec.net}: unknown; expected one of {', '.join(NETS)}")
     radio_file = _radio_file(spec)
+    # all options are checked before the folder is claimed, so that a refusal leaves nothing behind
     as_user = spec.net == NETWORK_NAMESPACES and not check_rights()
     who = plan.members(spec.nodes, spec.seed, spec.usv)
     separate = plan.per_daemon(spec.per_daemon, who)
@@ -91,6 +92,7 @@ def make(spec: LabSpec) -> LabState:
             for member in who
             for unit in (plan.UNITS if member.platform in distributed else (MAIN,))
         ]
+        # both at random, so that labs of several users or computers do not receive each other
         group, port = _group(), _free_port()
         if spec.net == NETWORK_NAMESPACES:
             nodes = [_behind_radio(node, index, as_user=as_user) for index, node in enumerate(nodes)]
@@ -119,6 +121,7 @@ def make(spec: LabSpec) -> LabState:
         make_swarm(keys, roles, lab.name)
         for node in lab.nodes:
             write_node(lab, node, keys)
+        # each node has its copy; the folder of all would let any process of the lab act as any node
         shutil.rmtree(keys)
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
@@ -148,6 +151,7 @@ def down(lab: LabState, *, keep: bool = False) -> int:
     Raises: NoAnswer when a process cannot be ended.
     """
     with suppress(FileNotFoundError):
+        # before the first signal: the process that started the lab must not restart a killed node
         (Path(lab.folder) / ENDING).touch()
     forced = processes.end([node.identity for node in lab.nodes if node.pid], lab.mark)
     if left := processes.marked(lab.mark):
@@ -166,6 +170,7 @@ def _claim(spec: LabSpec) -> Path:
     for name in names:
         _remove_dead_lab(folder / name)
         with suppress(FileExistsError):
+            # atomic: of two commands at a time only one gets the name
             (folder / name).mkdir(mode=0o700)
             return folder / name
     raise Conflict(f"lab {names[0]!r}: exists already; expected another --name, or `swarmctl lab down`")
@@ -182,7 +187,7 @@ def _remove_dead_lab(folder: Path) -> None:
 
 
 def _radio_file(spec: LabSpec) -> str:
-    """Path of the checked radio file; empty when the nodes are connected without a radio.
+    """Path of the checked radio file, or "" if the nodes are connected without a radio.
 
     Raises: InvalidInput when options contradict each other; as `find_radio`, `load_radio`, `server_of`.
     """

@@ -73,7 +73,9 @@ class Analysis:
             for t_s, step in self._recording.values(order.platform, PROGRESS, MissionProgress):
                 if step.epoch == order.epoch and not step.block and step.event in ENDS:
                     ends[order.platform] = t_s
+        # a node that was killed has no end in its log, so the lab's own observation counts
         everywhere = all(order.platform in ends for order in self._metadata.orders)
+        # never later than observed, as clocks of logs are converted with an error
         return min(max(ends.values(), default=seen_s), seen_s) if everywhere else seen_s
 
     def _trimmed(self, track: VehicleTrack) -> VehicleTrack:
@@ -82,6 +84,7 @@ class Analysis:
 
     def _formation_errors(self) -> dict[str, Floats]:
         leader = formation_error.leader_of(self._goals)
+        # without the path of the leader no slot can be computed
         if leader not in self._tracks:
             return {}
         return {
@@ -139,6 +142,7 @@ class Analysis:
             collisions=tracks.collisions(self._contacts(positions)),
             frames_lost=round(sum(total.lost_datagrams for total in totals.values())),
             log_frames=self._recording.entries,
+            # gaps at the end of a log show in the reports only, gaps between two records in their numbers
             log_gaps=max(reported, self._recording.missing),
             clock_error_us=P95(clock.p95),
             cpu_percent_of_core=_mean_max([node.cpu_percent for node in metadata.nodes]),
@@ -158,6 +162,7 @@ class Analysis:
         found = []
         for order in sorted(self._metadata.orders, key=lambda order: natural(order.platform)):
             known = order.platform in self._recording.clocks and order.platform != gcs.platform
+            # an order that never arrived has no delay, and shows in the outcome
             if order.received_ns and known:
                 there = self._recording.clocks[order.platform].clock
                 received_mono_ns = there.to_mono_ns(order.received_ns)
@@ -170,6 +175,7 @@ class Analysis:
         """Delay from the instruction to the last answer, both on the clock of the ground station."""
         gcs = next(node for node in self._metadata.nodes if node.kind == PlatformKind.GCS)
         orders = [order for order in self._metadata.orders if order.platform != gcs.platform]
+        # a maximum of the others would hide the missing answer
         if not orders or not all(order.acked_ns for order in orders):
             return None
         station = gcs.clock.clock
@@ -183,6 +189,7 @@ class Analysis:
     def _contacts(self, positions: Mapping[str, Floats]) -> list[Contact]:
         """Contacts that the simulations reported, and contacts of the true paths."""
         radii = {node.platform: node.radius_m for node in self._metadata.nodes}
+        # also by the true paths: a simulation that was killed reports no contact
         seen = tracks.touches(positions, radii, self._axis)
         for platform in self._vehicles:
             for t_s, hit in self._recording.values(platform, COLLISION, Collision):
@@ -278,6 +285,7 @@ class Analysis:
             rtts = {function.platform: function.rtt_ns / 1e6 for function in newest if function.rtt_ns}
             for link in known[-1][1].links:
                 received = link.received_frames
+                # only datagrams are lost on the way: TCP repeats its segments by itself
                 if link.transport == LinkTransport.UDP and link.platform in others and received:
                     quality = received / (received + link.lost)
                     found.append(ObservedLink(platform, link.platform, quality, rtts.get(link.platform)))

@@ -47,6 +47,7 @@ def heights(data: PlotData) -> str:
 
 def _lowest(data: PlotData) -> float:
     lowest = min((float(t.xyz_m[:, 2].min()) for t in data.tracks.values() if len(t.t_s)), default=0.0)
+    # noise around the ground must not extend the axis
     return 0.0 if lowest > -0.5 else float(np.floor(lowest))
 
 
@@ -82,6 +83,7 @@ def _mean(values: list[Floats]) -> Floats:
     known = np.isfinite(stack)
     count = known.sum(axis=0)
     total = np.where(known, stack, 0.0).sum(axis=0)
+    # by hand, since `np.nanmean` warns of instants without a value
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
@@ -121,6 +123,7 @@ def receipts(data: PlotData, report: ExperimentReport) -> str:
         if measured is not None:
             x, y = times.px(measured), shares.px(share)
             out.append(line(x, y, x, 300.0, "measured", title(f"{name} {measured:.3g} ms")))
+            # beside the right edge the label is on the left of its line
             right = x < RIGHT - 110
             out.append(
                 text(
@@ -140,6 +143,7 @@ def receipts(data: PlotData, report: ExperimentReport) -> str:
 
 
 def _steps(found: list[tuple[float, str]], times: Scale, shares: Scale, kind: str) -> str:
+    # begins at the origin: before the first receipt the share is 0
     points = [(times.px(0.0), shares.px(0.0))]
     for rank, (ms, _) in enumerate(found):
         points += [
@@ -185,6 +189,7 @@ def traffic_per_node(data: PlotData, report: ExperimentReport) -> str:
             tip = f"{node.platform}: {verb} {rate:.3g} kB/s"
             out.append(rectangle(x, y, room * 0.38, 220.0 - y, f"bar {pale}{node.kind}", title(tip)))
         x = LEFT + room * (i + 0.5)
+        # names would overlap, so they are turned
         if room < LABEL_PX:
             turn = f"rotate(-90 {x + 4:.1f} 228)"
             out.append(text(node.platform, x + 4, 228.0, "tick", "end", transform=turn))

@@ -32,6 +32,7 @@ class MapFrame:
 
     def __init__(self, data: PlotData) -> None:
         west, south, east, north = _extent(data)
+        # one scale for both axes, or circles and angles would be distorted
         self.px_m = min((END - LEFT) / (east - west), MAX_HEIGHT / (north - south))
         self.west, self.north = west, north
         self.right = LEFT + (east - west) * self.px_m
@@ -77,6 +78,7 @@ def flight_map(data: PlotData) -> str:
     window = rectangle(LEFT, TOP, frame.right - LEFT, frame.bottom - TOP, "")
     parts = [
         frame.grid(),
+        # obstacles may extend beyond the part that is shown
         element("clipPath", {"id": "world"}, window),
         element("g", {"clip-path": "url(#world)"}, *below),
     ]
@@ -132,6 +134,7 @@ def _described(data: PlotData, name: str) -> str:
 def _extent(data: PlotData) -> tuple[float, float, float, float]:
     """West, south, east and north end of all that moves, with a margin."""
     moved = [track.xyz_m[:, :2] for track in data.tracks.values() if len(track.t_s)]
+    # a run that failed early has no path, and still needs a map
     if not moved:
         return -20.0, -10.0, 20.0, 10.0
     every = np.concatenate(moved)

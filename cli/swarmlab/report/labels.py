@@ -48,7 +48,7 @@ def width(text: str, size: float) -> float:
 
 
 def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list[float] | None:
-    """Places as near to the wanted ones as the gap between neighbours allows; None when they do not fit."""
+    """Places as near to the wanted ones as the gap between neighbours allows, or None if they do not fit."""
     if (len(wanted) - 1) * gap > high - low:
         return None
     order = sorted(range(len(wanted)), key=lambda i: wanted[i])
@@ -57,6 +57,7 @@ def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list
     for i in order:
         at = places[i] = max(wanted[i], at + gap)
     at = high + gap
+    # from the other end: the first pass may have pushed labels beyond the limit
     for i in reversed(order):
         at = places[i] = min(places[i], at - gap)
     return places

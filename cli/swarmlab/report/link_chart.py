@@ -52,6 +52,7 @@ def summary(data: PlotData) -> LinkSummary:
             f"{data.unaccepted} datagrams belong to no link: their sender was not accepted,"
             " as at the start of every session."
         )
+    # a direction without traffic is a difference that equal figures do not show
     missing = len(found) < possible
     return LinkSummary(" ".join(words), not same_loss or missing, not same_rtt)
 
@@ -67,7 +68,7 @@ def _rounded(value: float) -> float:
 
 
 def matrices(data: PlotData) -> str:
-    """The matrices that show a difference; empty where all links are equal."""
+    """The matrices that show a difference, or "" if all links are equal."""
     known = summary(data)
     links = {(link.node, link.hears): link for link in data.neighbours}
     found = []
@@ -115,6 +116,7 @@ def _matrix(
         text(f"{name}, {unit}", at, 14.0, "legend strong"),
         text("row: receiver, column: sender", at, 30.0, "legend"),
     ]
+    # with small cells not every name has room
     every = max(1, round(11.0 / cell + 0.49))
     for i, node in enumerate(nodes):
         if i % every:

@@ -52,6 +52,7 @@ def page(
     exists: Callable[[str], bool],
 ) -> str:
     """The page. `exists`: whether its folder has a file of that relative path; only such files are linked."""
+    # missed goals of time do not count: they depend on the computer
     good = report.completed and not report.collisions
     note = figures.comparison_note(report)
     return Template(_asset("page.html")).substitute(

@@ -175,6 +175,7 @@ def _colour(data: PlotData, name: str) -> str:
 
 def _png(draw: Callable[[Figure], None], width_in: float, height_in: float) -> bytes:
     with mpl.rc_context(STYLE):
+        # without pyplot, which keeps figures in a global table and may open a display
         figure = Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained")
         FigureCanvasAgg(figure)
         draw(figure)

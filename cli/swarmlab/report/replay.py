@@ -51,6 +51,7 @@ def encoded(data: PlotData) -> str:
             for name, track in data.tracks.items()
         ],
     }
+    # a name with `</script>` in it would end the element
     return json.dumps(document, separators=(",", ":")).replace("<", "\\u003c")
 
 
@@ -58,6 +59,7 @@ def _pieces(track: VehicleTrack, axis: Floats) -> list[dict[str, int | list[int]
     cm = np.round(tracks.resample(track, axis) * 100)
     heading = np.round(tracks.resample_yaw(track, axis) * 180 / math.pi)
     found: list[dict[str, int | list[int]]] = []
+    # pieces, since JSON has no NaN for the holes of a recording
     for start, stop in tracks.runs(np.asarray(np.isfinite(cm).all(axis=1))):
         columns = {
             "x": cm[start:stop, 0],
@@ -70,4 +72,5 @@ def _pieces(track: VehicleTrack, axis: Floats) -> list[dict[str, int | list[int]
 
 
 def _differences(values: Floats) -> list[int]:
+    # small numbers make the page a fraction of its size, and integers do not add up errors
     return [int(value) for value in np.diff(values, prepend=0.0)]

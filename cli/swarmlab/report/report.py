@@ -121,7 +121,7 @@ def comparable(report: ExperimentReport) -> bool:
 
 
 def comparison_note(report: ExperimentReport) -> str:
-    """Why the paper's figures are not shown; empty where they are."""
+    """Why the paper's figures are not shown, or "" if they are."""
     if comparable(report):
         return ""
     return (
@@ -152,6 +152,7 @@ def rounded(report: ExperimentReport) -> dict[str, object]:
 
     def trim(value: object) -> object:
         if isinstance(value, float):
+            # further digits are noise of the run, and would differ in every comparison
             return float(f"{value:.{_DIGITS}g}")
         if isinstance(value, dict):
             return {key: trim(inner) for key, inner in value.items()}
@@ -167,7 +168,7 @@ class ComparisonRow(msgspec.Struct, frozen=True):
 
     what: str
     paper: str
-    """Figure of the paper; empty where it has none."""
+    """Figure of the paper, or "" if it has none."""
     ours: str
     note: str = ""
 

@@ -76,5 +76,6 @@ class RunMetadata(msgspec.Struct, frozen=True, kw_only=True):
 
 def failure(nodes: Iterable[NodeMetadata], course: str) -> str:
     """Why a mission was not completed: nodes that ended, else the observed failure."""
+    # the end of a node is the cause, what its mission lacked afterwards the effect
     ended = [f"node {node.platform}: ended with {node.ended}; {node.log}" for node in nodes if node.ended]
     return ", ".join(ended) or course

@@ -37,8 +37,10 @@ class Scale(msgspec.Struct, frozen=True):
             tens = [
                 value for value in inside if math.isclose(math.log10(value) % 1.0 % 1.0, 0.0, abs_tol=1e-6)
             ]
+            # powers of ten alone where the others would be too dense
             return tens if len(inside) > 2 * count and len(tens) > 1 else inside
         step = round_step((self.high - self.low) / count)
+        # the small numbers keep a tick at an end of the axis despite rounding
         first, last = math.ceil(self.low / step - 1e-9), math.floor(self.high / step + 1e-9)
         return [number * step for number in range(first, last + 1)]
 

@@ -46,7 +46,7 @@ def refusal(nodes: int, measured: HostInfo, first: int) -> str:
 
 
 def shortage(nodes: int, measured: HostInfo) -> str:
-    """Warning when all nodes run and the processor is short for them; empty when it is not."""
+    """Warning when all nodes run and the processor is short for them, or "" if it is not."""
     assert measured.nodes_percent is not None
     if measured.nodes_percent <= FULL * measured.cores * 100:
         return ""

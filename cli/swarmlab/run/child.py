@@ -40,7 +40,7 @@ def exit_description(code: int) -> str:
 
 
 def tail(log_file: Path) -> str:
-    """The last lines of a log, indented; empty without a log."""
+    """The last lines of a log, indented, or "" without a log."""
     try:
         lines = log_file.read_text("utf-8", "replace").splitlines()
     except OSError:  # no log was written: nothing to show

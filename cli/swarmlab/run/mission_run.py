@@ -52,11 +52,11 @@ class MissionRun:
         return self.members.outcome(in_time=self.in_time)
 
     def failure(self) -> str:
-        """Why the mission was not completed; empty when it was."""
+        """Why the mission was not completed, or "" if it was."""
         return self.error or self.outcome.failure()
 
     def percent(self, platform: str) -> float | None:
-        """Share of one core that the node's processes used; None when it is not known."""
+        """Share of one core that the node's processes used, or None if it is not known."""
         # without the command, or with a node that ended, there is no span to compare
         if platform not in self.before or platform not in self.after:
             return None

@@ -51,7 +51,7 @@ class MissionOutcome(msgspec.Struct, frozen=True):
         return self.in_time and bool(self.states) and all(state == GOOD for state in self.states.values())
 
     def failure(self) -> str:
-        """Description of the failure; empty when completed."""
+        """Description of the failure, or "" if completed."""
         if self.completed:
             return ""
         bad = [

@@ -60,7 +60,7 @@ def frame(message: tuple[int, int], payload: bytes) -> bytes:
 
 
 def frame_bytes(opened: bytes) -> int | None:
-    """Length of the frame that begins with these bytes; None before its header has arrived.
+    """Length of the frame that begins with these bytes, or None before its header has arrived.
 
     Raises: WireError when no frame begins so, or a longer one than is taken.
     """

@@ -40,7 +40,7 @@ _PATTERNS: Final = (
 
 
 def foreign_format(head: bytes) -> str:
-    """Name of the format of another tool in which a file begins so; empty if none is recognised."""
+    """Name of the format of another tool in which a file begins so, or "" if none is recognised."""
     for magic, name in _MAGIC:
         if head.startswith(magic):
             return name + _frames(head) if magic == _WAYPOINTS else name

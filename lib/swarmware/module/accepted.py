@@ -59,7 +59,7 @@ class Accepted:
 
 
 def acceptance(node: "Node", path: str, track: Callable[[Accepted], object]) -> Accepted | None:
-    """The recorder for commands of this path; None when they are not logged.
+    """The recorder for commands of this path, or None if they are not logged.
 
     `track` gets it, so that the module closes it.
     """

@@ -53,7 +53,7 @@ class Recipient:
         return self._default if unit is None else unit.hardware
 
     def mismatch(self) -> str:
-        """Reason why a local address does not accept this type; empty when it does, or is not served yet."""
+        """Reason why a local address does not accept this type, or "" if it does or is not served yet."""
         if self.hardware != self._here:
             return ""
         self._table.refresh()

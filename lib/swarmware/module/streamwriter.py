@@ -42,8 +42,8 @@ class StreamWriter(BoardWriter[T]):
     def losses(self) -> Mapping[str, int]:
         """Platform → number of its lost items: the platform, or the link to it, was too slow.
 
-        The tree of this node counts them since its start and publishes them every second; empty without a
-        tree.
+        The tree of this node counts them since its start and publishes them every second. Without a tree none
+        are counted.
         """
         if self._losses is None:
             identity = data_id(LOSSES, StreamLosses.__name__)

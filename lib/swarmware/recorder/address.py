@@ -8,13 +8,13 @@ _PATH: Final = re.compile(r"mongodb(\+srv)?://[^/]+/(?P<database>[^?]+)")
 
 
 def database_in(uri: str) -> str:
-    """Database name in the address; empty when it has none."""
+    """Database name in the address, or "" if it has none."""
     found = _PATH.match(uri)
     return found["database"] if found else ""
 
 
 def password_in(uri: str) -> str:
-    """Password in the address; empty when it has none."""
+    """Password in the address, or "" if it has none."""
     found = _PASSWORD.search(uri)
     return found[2] if found else ""
 

@@ -30,11 +30,11 @@ class LogEntry(msgspec.Struct, frozen=True, gc=False):
     payload: bytes
     """MessagePack of the type."""
     sender: str = ""
-    """Sender of a command: `swarmctl#1@gcs`, or the authenticated role and platform; else empty."""
+    """Sender of a command, `swarmctl#1@gcs` or role and platform if authenticated, or "" without one."""
     sent_utc_ns: int = 0
-    """`stamp_ns` as wall clock of the logger; 0 when it is not known."""
+    """`stamp_ns` as wall clock of the logger, or 0 if it is not known."""
     description: str = ""
-    """JSON of the `TypeDescription` of a type that a module defines; else empty."""
+    """JSON of the `TypeDescription` of a type that a module defines, or "" for other types."""
 
     @property
     def topic(self) -> str:
@@ -49,7 +49,7 @@ class LogEntry(msgspec.Struct, frozen=True, gc=False):
             return None
 
     def content(self) -> Any:
-        """The decoded payload: a Struct, or plain MessagePack when the type is unknown here; else None."""
+        """The decoded payload as a Struct, or as plain MessagePack for an unknown type, or None."""
         value = self.value()
         return value if value is not None else list_or_none(self.payload)
 

@@ -52,7 +52,7 @@ def _described_class(name: str, description: str) -> type[msgspec.Struct]:
 
 @lru_cache(maxsize=256)
 def schema(name: str, description: str = "") -> bytes:
-    """JSON Schema of a type's MessagePack form, for other readers; empty when the type is unknown."""
+    """JSON Schema of a type's MessagePack form, for other readers, or "" if the type is unknown."""
     try:
         return msgspec.json.encode(packed_schema(payload_class(name, description)))
     except (NotFound, WireError, TypeError):

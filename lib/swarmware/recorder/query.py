@@ -59,7 +59,7 @@ class LogSource(Protocol):
         ...
 
     def why_empty(self) -> str:
-        """Reason why the source has no entries at all; empty when it has some."""
+        """Reason why the source has no entries at all, or "" if it has some."""
         ...
 
 

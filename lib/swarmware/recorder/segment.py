@@ -60,7 +60,7 @@ class LogChannel(msgspec.Struct, frozen=True, gc=False):
     type: str
     queue: str
     sender: str = ""
-    """Sender of commands; else empty."""
+    """Sender of a command, or "" for another entry."""
     description: str = ""
     """As `LogEntry.description`; valid, and not longer than `DESCRIPTION_LIMIT`."""
 

@@ -235,7 +235,7 @@ class ChannelRate(msgspec.Struct, frozen=True, array_like=True, gc=False):
     pattern: str = ""
     """Pattern of the rule that decides; empty unless a rule decides."""
     link: str = ""
-    """Receivers of that rule; empty if it holds for all."""
+    """Receivers of that rule, or "" if it holds for all."""
 
 
 @register

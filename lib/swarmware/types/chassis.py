@@ -40,7 +40,7 @@ class ChassisReport(msgspec.Struct, frozen=True, array_like=True, gc=False):
     answered: int = 0
     """Number of the newest order that was executed or refused."""
     refused: str = ""
-    """Reason of the refusal of that order; empty when it was executed."""
+    """Reason of the refusal of that order, or "" if it was executed."""
     calibrating: bool = False
     """Whether the motor controllers are being calibrated."""
 

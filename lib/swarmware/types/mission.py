@@ -126,7 +126,7 @@ class MissionPlan(msgspec.Struct, frozen=True):
     hash: str
     members: tuple[Member, ...]
     left_out: tuple[LeftOut, ...] = ()
-    """Known platforms without a part; empty where the instruction names the members."""
+    """Known platforms without a part, or none if the instruction names the members."""
     warnings: tuple[str, ...] = ()
     """Warnings of the check."""
 
@@ -289,7 +289,7 @@ class MissionState(msgspec.Struct, frozen=True, array_like=True):
 
     epoch: int
     hash: str
-    """First eight digits of the mission's hash; empty without a mission."""
+    """First eight digits of the mission's hash, or "" without a mission."""
     state: MissionPhase
     active: tuple[str, ...] = ()
     """Blocks that hold a token."""

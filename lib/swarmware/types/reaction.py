@@ -66,5 +66,5 @@ class WayHome(msgspec.Struct, frozen=True, array_like=True, gc=False):
     remaining_ratio: Annotated[float, msgspec.Meta(ge=-1, le=2)]
     """Remaining charge."""
     needed_ratio: Finite | None = None
-    """Charge for the return and the landing at the measured discharge, plus the reserve; None while the
+    """Charge for the return and the landing at the measured discharge, plus the reserve, or None while the
     discharge is not known."""

@@ -75,7 +75,7 @@ class Conversion(msgspec.Struct, frozen=True, array_like=True, gc=False):
     hops: int = 1
     """Number of links over which it was composed; 1 if it was measured directly."""
     via: str = ""
-    """Node over which it was composed; empty when measured directly."""
+    """Node over which it was composed, or "" if measured directly."""
     samples: int = 0
     """Exchanges of its estimation; an initial value from a partner has none."""
     rtt_ns: int = 0

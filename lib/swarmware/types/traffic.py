@@ -38,7 +38,7 @@ class LinkTraffic(msgspec.Struct, array_like=True, gc=False):
     """Frames that wait for the link now, or are not acknowledged yet."""
     waiting_bytes: int = 0
     capacity_bytes_s: float | None = None
-    """Throughput to the neighbour while the link was the limit, with headers, udp only; None if it never
+    """Throughput to the neighbour while the link was the limit, with headers, udp only, or None if it never
     was, so that its capacity is unknown."""
     capacity_ns: int = 0
     """Own clock at the last measurement of the capacity."""

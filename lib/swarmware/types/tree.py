@@ -233,10 +233,10 @@ class TreeChange(msgspec.Struct, frozen=True, array_like=True, gc=False):
     by: str
     """Authenticated `user@platform` or `role@platform`; `application@platform` on the platform itself."""
     before: str
-    """Former value as text; empty when it is unknown."""
+    """Former value as text, or "" if it is unknown."""
     after: str
     refused: str = ""
-    """Reason of a refusal; empty when it was executed."""
+    """Reason of a refusal, or "" if it was executed."""
     via: tuple[str, ...] = ()
     """Platforms that forwarded the request, the first one first; () if it came directly. Only the last one is
     authenticated."""

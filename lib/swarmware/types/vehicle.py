@@ -338,6 +338,6 @@ class MotorOrder(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Height above the map's origin when the request arrived."""
     reason: str = ""
     refused: str = ""
-    """Reason of a refusal; empty when it was executed."""
+    """Reason of a refusal, or "" if it was executed."""
     overridden: str = ""
     """Items that were not ready when the arming was forced, or "" if nothing was overridden."""

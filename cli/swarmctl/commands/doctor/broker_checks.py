@@ -97,7 +97,7 @@ def foreign(shm_dir: Path) -> Iterator[CheckResult]:
 
 
 def _traffic(shm_dir: Path) -> Traffic | None:
-    """The counters of the broker; None before the first. Raises: SwarmError when they cannot be read."""
+    """The counters of the broker, or None before the first. Raises: SwarmError when they cannot be read."""
     with contextlib.closing(RingReader(ring_file(shm_dir, "net/traffic"))) as ring:
         data = ring.newest()
     if data is None:

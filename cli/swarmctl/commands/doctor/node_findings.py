@@ -130,7 +130,7 @@ async def _outages(module: Client) -> tuple[LinkOutage, ...] | None:
 
 
 def _members(module: Client, routes: tuple[RouteState, ...] | None) -> dict[str, bool]:
-    """The other members of the swarm, and whether each has a route; empty without a broker or keys."""
+    """The other members of the swarm, and whether each has a route, or none without a broker or keys."""
     roster = module.reader("net/roster", RosterState).value
     # a revoked node reaches no member, so a list of all of them would not help
     if roster is None or roster.revoked_self or routes is None:

@@ -22,7 +22,7 @@ from swarmware.types.rpc import Empty
 
 
 class PlatformHealth(msgspec.Struct, frozen=True):
-    """State of a platform; None when it did not answer."""
+    """Health of a platform, with None as state if it did not answer."""
 
     platform: str
     state: HealthState | None

@@ -47,7 +47,7 @@ class PrintedEntry(msgspec.Struct, frozen=True):
     sequence: int
     """Number in the queue."""
     sender: str
-    """Sender of a command; else empty."""
+    """Sender of a command, or "" for another entry."""
     value: Any
 
 
@@ -274,7 +274,7 @@ def show(out: Output, entry: LogEntry) -> None:
 
 
 def _value(entry: LogEntry) -> Any:
-    """The value for programs, with bytes as base64; None if it is nested too deep for the interpreter."""
+    """The value for programs, with bytes as base64, or None if it is nested too deep for the interpreter."""
     try:
         return text_form(entry.content())
     except RecursionError:

@@ -51,7 +51,7 @@ class Interleaving:
         return sorted(ready, key=_by_utc)
 
     def deadline_ns(self, now_ns: int) -> int | None:
-        """When `ready` may return more without a batch; None when no entries wait."""
+        """When `ready` may return more without a batch, or None if no entries wait."""
         if not self._held:
             return None
         return min((logger.moved_ns + PATIENCE_NS for logger in self._waited_for(now_ns)), default=now_ns)

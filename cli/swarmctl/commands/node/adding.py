@@ -84,7 +84,7 @@ def _has_keys(out: Output) -> bool:
 
 
 async def _reachable(out: Output) -> set[str]:
-    """Platforms with a route now; empty without a running node here."""
+    """Platforms with a route now, or none without a running node here."""
     try:
         async with connect(out.settings, out) as session:
             return {session.here, *(route.platform for route in (await session.routes()).routes)}

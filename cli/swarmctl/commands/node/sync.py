@@ -72,7 +72,7 @@ async def synchronisation(session: Session, asked: list[str]) -> dict[str, NodeS
 
 
 async def _replicas(session: Session) -> dict[str, TreePlatform]:
-    """What the joined node has of each tree; empty without a tree service."""
+    """What the joined node has of each tree, or none without a tree service."""
     nothing = TreeList(f"/{session.here}/none", 1)
     try:
         found = await session.ask(names.join(session.here, "sys/tree/list"), nothing, TreeListing)

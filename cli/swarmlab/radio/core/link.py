@@ -85,7 +85,7 @@ class DirectedLink:
         self.dropped = dict.fromkeys(DropReason, 0)
 
     def arrival_ns(self, size: int, at_ns: int) -> int | None:
-        """Instant at which a frame that has left the radio arrives; None when it is dropped."""
+        """Instant at which a frame that has left the radio arrives, or None if it is dropped."""
         set_ = self.impairment
         if self.is_cut:
             self.drop(DropReason.CUT)

@@ -244,7 +244,7 @@ class FrameGateway:
         self._delivery.report_denial(name, CONNECT, "", reason, self._clock.now_ns())
 
     def _other_end(self, frame: Frame, user: str) -> int | None:
-        """Hardware id of the member at the other end of a connection; None without authentication."""
+        """Hardware id of the member at the other end of a connection, or None without authentication."""
         if not user:
             return None
         member = self._core.nodes.get(frame.sender_hw)

@@ -28,7 +28,7 @@ class PinnedAddresses:
         self._interfaces = {place: _interface_of(place) for place in self._named.values()}
 
     def missing(self) -> str:
-        """The keys whose address or interface this computer does not have now; empty if it has all."""
+        """The keys whose address or interface this computer does not have now, or none if it has all."""
         return "; ".join(self._lost(key, place) for key, place in self._named.items() if not _is_here(place))
 
     def _lost(self, key: str, place: str) -> str:
@@ -51,7 +51,7 @@ def _is_here(place: str) -> bool:
 
 
 def _interface_of(address: str) -> str:
-    """Name of the interface that has this address as its first one; empty if none has."""
+    """Name of the interface that has this address as its first one, or "" if none has."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         for _, name in socket.if_nameindex():
             try:

@@ -212,7 +212,7 @@ class Udp(DatagramMedium):
 
 
 async def resolve(seed: str, loop: asyncio.AbstractEventLoop) -> Address | None:
-    """Address of a seed `host:port`; None when its name is not known now."""
+    """Address of a seed `host:port`, or None if its name is not known now."""
     host, _, port = seed.rpartition(":")
     try:
         found = await loop.getaddrinfo(host, int(port), family=socket.AF_INET, type=socket.SOCK_DGRAM)

@@ -149,7 +149,7 @@ def _touch_anothers(folder: Path) -> None:
 
 
 def _open(path: Path) -> int | None:
-    """Descriptor of the file, which is created if it is missing; None when something else keeps the path.
+    """Descriptor of the file, which is created if it is missing, or None if something else keeps the path.
 
     Not in one call: Linux refuses O_CREAT on the file of another user in a sticky folder.
     """

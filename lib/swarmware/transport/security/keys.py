@@ -126,7 +126,7 @@ class Keys:
         return self._by_user.get(user)
 
     def revoked(self, curve_public: bytes) -> str:
-        """The platform that had this CURVE key until it was revoked; empty where none had."""
+        """The platform that had this CURVE key until it was revoked, or "" if none had."""
         return self._revoked.get(curve_public, "")
 
     def curve_of(self, platform: str) -> bytes | None:

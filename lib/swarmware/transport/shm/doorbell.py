@@ -45,7 +45,7 @@ def folder_lock(folder: Path) -> Iterator[None]:
 
 
 def open_sender(path: Path) -> int | None:
-    """Descriptor for ringing; None when the doorbell has no owner.
+    """Descriptor for ringing, or None if the doorbell has no owner.
 
     Raises: Denied.
     """

@@ -80,7 +80,7 @@ class _CachedValue:
         """When another node, not nearer to the origin, relayed it last."""
         self.holders: set[int] = set()
         self.proof: ValueProof | None = None
-        """Valid, of the beacon that brought it; None without keys."""
+        """Valid proof of the beacon that brought the value, or None without keys."""
         self.position = 0
         """Among the values of that beacon."""
 
@@ -107,7 +107,7 @@ class RelayCache:
         proof: ValueProof | None = None,
         position: int = 0,
     ) -> RemoteValue | None:
-        """Takes a value from its origin, whose clock was `clock_us` at the send; None if not newer.
+        """Takes a value from its origin, whose clock was `clock_us` at the send, or None if it is not newer.
 
         `proof`: of the values of the beacon.
         """

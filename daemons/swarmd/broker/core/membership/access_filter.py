@@ -17,8 +17,10 @@ class AccessFilter:
     """Checks the rights of frames for applications of this platform."""
 
     def __init__(self, own: str, roles: Mapping[str, Role] | None, access: Access) -> None:
-        """`own`: this platform; `roles`: role of each member; None without a roster: every frame passes, as
-        only this computer is served."""
+        """`own`: this platform; `roles`: role of each member, or None without a roster.
+
+        Without a roster every frame passes, as only this computer is served.
+        """
         self._access = access
         self._own = own
         self._open = roles is None

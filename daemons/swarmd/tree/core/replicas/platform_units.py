@@ -99,7 +99,7 @@ class PlatformUnits:
         return found
 
     def leaf(self, platform: str, path: str) -> tuple[Replica | None, Leaf] | None:
-        """A resource of a platform, and its computer or None for this one; None if the path is unknown."""
+        """A resource of a platform with its computer (None for this one), or None if unknown."""
         unit = self.provider(platform, path)
         index = self._tree.index if unit is None and platform == self._own.platform else None
         if unit is not None:

@@ -207,7 +207,7 @@ class LocalTree:
         return True
 
     def changes_since(self, digest: int) -> bytes | None:
-        """Encoded changes from a former structure; None if they are unknown."""
+        """Encoded changes from a former structure, or None if they are unknown."""
         paths = self._history.since(digest)
         if paths is None:
             return None

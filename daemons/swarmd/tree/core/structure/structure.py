@@ -168,7 +168,7 @@ class History:
             self._steps.popitem(last=False)
 
     def since(self, digest: int) -> set[str] | None:
-        """Paths that changed since then; None if that is unknown."""
+        """Paths that changed since then, or None if that is unknown."""
         if digest not in self._steps:
             return None
         paths: set[str] = set()

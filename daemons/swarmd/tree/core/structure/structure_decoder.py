@@ -23,7 +23,7 @@ class StructureDecoder:
         self._patches = Patches()
 
     def of_reply(self, known: Index | None, reply: StructureReply) -> Index | None:
-        """The structure in a reply; None if its base is unknown or its digest differs. Raises: WireError."""
+        """The structure in a reply, or None for an unknown base or another digest. Raises: WireError."""
         if reply.form == StructureEncoding.UNCHANGED:
             index = known
         else:
@@ -35,7 +35,7 @@ class StructureDecoder:
         return index if index is not None and index.digest == reply.digest else None
 
     def of_notification(self, known: Index | None, notify: TreeNotify) -> Index | None:
-        """The structure after a notified change; None if it is not relative to the known one.
+        """The structure after a notified change, or None if it is not relative to the known one.
 
         Raises: WireError.
         """

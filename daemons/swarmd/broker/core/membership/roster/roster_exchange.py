@@ -67,7 +67,7 @@ class RosterKeys(Protocol):
         ...
 
     def apply(self, text: bytes) -> RosterChange | None:
-        """Take a signed roster; None when it is not newer."""
+        """Take a signed roster, or None if it is not newer."""
         ...
 
 

@@ -34,7 +34,7 @@ class CheckedDatagram(msgspec.Struct, frozen=True, gc=False):
     """Source address, which its sender can falsify."""
     fault: SignatureFault | None = None
     proof: ValueProof | None = None
-    """Proves the values of the beacon to others; None without keys."""
+    """Proof of the values of the beacon for others, or None without keys."""
 
     @property
     def is_genuine(self) -> bool:
