@@ -38,6 +38,7 @@ def claim(kind: PlatformKind, directory: Path, remembered: Path) -> str:
     )
     before = remembered.read_text("utf-8").strip() if remembered.exists() else ""
     directory.mkdir(parents=True, exist_ok=True)
+    # the former name first: after a restart the container has its settings and logs again
     for name in sorted(names, key=lambda name: name != before):
         lock = os.open(directory / f"{name}.lock", os.O_RDWR | os.O_CREAT, 0o600)
         try:
@@ -45,6 +46,7 @@ def claim(kind: PlatformKind, directory: Path, remembered: Path) -> str:
         except BlockingIOError:
             os.close(lock)
             continue
+        # the lock must survive `execv`, which replaces this process by the node
         os.set_inheritable(lock, True)
         remembered.parent.mkdir(parents=True, exist_ok=True)
         remembered.write_text(name, "utf-8")
@@ -83,6 +85,7 @@ def settings(name: str, kind: PlatformKind, address: str, mongodb_uri: str) -> d
 def share_keys(directory: Path) -> None:
     """Makes the keys of the swarm, in the first container only."""
     directory.mkdir(parents=True, exist_ok=True)
+    # all containers start at the same time, and only one may make the keys
     with (directory / ".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if (directory / "gcs").exists():

@@ -90,6 +90,7 @@ class DistributionReport(msgspec.Struct, frozen=True):
         for vehicle in self.vehicles:
             if vehicle.difference is None:
                 out.append(f"{vehicle.platform}: a path is missing")
+            # only the distributed vehicle is judged: the others differ between any two runs
             elif len(vehicle.units) > 1 and (worst_m := vehicle.difference.rms_m) > self.goal_m:
                 out.append(f"{vehicle.platform}: {worst_m:.2f} m; expected at most {self.goal_m} m")
             if any(vehicle.collisions):

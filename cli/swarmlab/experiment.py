@@ -94,6 +94,7 @@ def run_command(spec: LabSpec, duration_s: float, out_dir: Path) -> str:
     for service in spec.services:
         words += ["--service", service]
     if spec.mongodb_uri:
+        # the line is written to run.json and to the page
         words += ["--mongodb", without_password(spec.mongodb_uri)]
     return shlex.join([*words, "--duration", f"{duration_s:g}", "--out", str(out_dir)])
 
@@ -110,6 +111,7 @@ def conduct(spec: LabSpec, duration_s: float, out_dir: Path, out: Output) -> tup
     finally:
         lab = running.state
         with lifecycle.teardown(lab, out):
+            # the logs are copied after the end of all processes, when they are complete
             forced = provisioning.down(lab, keep=True)
             running.wait_children()
             _keep_logs(lab, out_dir)
@@ -152,6 +154,7 @@ def report(out_dir: Path, out: Output, *, strict: bool = False) -> int:
     out.say(f"report: {out_dir / PAGE}")
     if shortfalls or (strict and misses):
         return SwarmError.exit_code
+    # last: a failed mission matters more than gaps in its logs
     return DATA_LOST if found.log_gaps else 0
 
 
@@ -179,6 +182,7 @@ def prepare(out_dir: Path) -> None:
     shutil.rmtree(out_dir / LOGS, ignore_errors=True)
     (out_dir / LOGS).mkdir(parents=True, exist_ok=True)
     for name in (RUN_FILE, REPORT, PAGE, PICTURE, MERGED):
+        # a file of the former run would look like a result of this one if the run fails
         (out_dir / name).unlink(missing_ok=True)
 
 
@@ -191,6 +195,7 @@ async def _conduct(running: RunningLab, duration_s: float, out: Output) -> Missi
             async with connect(lifecycle.station_settings(running.state)) as session:
                 await running.attended(_mission(session, running.state, course, duration_s, out))
         except SwarmError as error:
+            # before the command there is nothing to report, after it the figures show how far the run came
             if not course.command_mono_ns:
                 raise
             course.error = str(error)
@@ -206,6 +211,7 @@ async def _mission(
 ) -> None:
     watch = SwarmWatch.open(session)
     task = mission_task(lab.experiment)
+    # the exchange at the start would count as traffic and delay of the mission
     if not await watch.until_quiet(QUIET_S):
         out.say("the links are still busy; continuing")
     # as `mission start`: the assignment is requested before the instruction
@@ -216,6 +222,7 @@ async def _mission(
     try:
         course.answer = answer = await session.ask(TASK, task, TaskAnswer, timeout_s=TASK_S)
     finally:
+        # also after an error, as the report needs the processor time from here on
         course.commanded(lab)
     if not answer.accepted:
         reasons = [
@@ -230,6 +237,7 @@ async def _mission(
         def show(states: Mapping[str, MissionState]) -> None:
             note = phase(states)
             done = sum(state.progress_ratio if state.state not in ENDED else 1.0 for state in states.values())
+            # without a terminal each change of the note is a line, and each progress would be one
             if not notes or notes[-1] != note or out.lively:
                 bar.at(done, note)
                 notes.append(note)

@@ -109,7 +109,7 @@ class LabState(msgspec.Struct, frozen=True, kw_only=True):
     """Time from the first start of a process until the ground station had all trees, or 0 until then."""
     nodes: tuple[LabNode, ...]
     unit_delay_ms: tuple[float, ...] = ()
-    """Shortest and longest simulated delay between the computers of a vehicle; () without a delay."""
+    """Shortest and longest simulated delay between the computers of a vehicle, or () without a delay."""
     world: str = ""
     """World of the vehicles, or "" for the experiment's world."""
     airframes: dict[str, str] = {}

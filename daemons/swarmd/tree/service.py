@@ -374,7 +374,7 @@ def _templates(folder: Path, files: dict[Path, template.TemplateFile]) -> list[t
 
 
 def _digest(text: str) -> int:
-    """The number of a mission's hash for the beacon; 0 if it is invalid."""
+    """The number of a mission's hash for the beacon, or 0 if it is invalid."""
     try:
         return int(text or "0", 16) & 0xFFFF_FFFF
     except ValueError:

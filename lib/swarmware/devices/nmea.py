@@ -157,7 +157,7 @@ class SentenceReader:
 
 
 def _quality(modes: str) -> int:
-    """Quality of the best mode, of one letter for each constellation; 0 if none measures a position."""
+    """Quality of the best mode, of one letter for each constellation, or 0 if none measures a position."""
     return next((quality for mode, quality in _MODES.items() if mode in modes), 0)
 
 

@@ -24,7 +24,7 @@ class Slot(msgspec.Struct, frozen=True, gc=False):
     vy_m_s: float
     vz_m_s: float
     s_m: float
-    """Distance of the slot along the course; 0 without a course."""
+    """Distance of the slot along the course, or 0 without a course."""
     leader_s_m: float
     """Distance of the leader along the course for this slot."""
     stretch: float

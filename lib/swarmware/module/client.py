@@ -221,8 +221,8 @@ class Client:
         """Open a reader of a board of this platform, or (`/uav3/nav/pose`) of the mirror of another
         platform's.
 
-        `within_s`: longest delay with which its values are of use here, or None if not stated. `swarmctl doctor
-        placement` judges by it whether another computer may provide them.
+        `within_s`: longest delay with which its values are of use here, or None if not stated. The command
+        `swarmctl doctor placement` judges by it whether another computer may provide them.
         """
         return self._track(self._board(self._interest(path, within_s), cls))
 

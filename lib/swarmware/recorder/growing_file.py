@@ -41,7 +41,7 @@ class GrowingFile:
         self._waiting = bytearray()
         self._on_disk = 0
         self._size = 0
-        """Length of the file with its room; 0 before its end is written."""
+        """Length of the file with its room, or 0 before its end is written."""
 
     def write(self, data: bytes) -> int:
         """Appends the data to the buffer: whole records."""

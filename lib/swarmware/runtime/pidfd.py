@@ -57,7 +57,7 @@ class ProcessHandle:
 
 
 def start_ticks(pid: int) -> int:
-    """When the process started, in clock ticks since boot; 0 when it does not run.
+    """When the process started, in clock ticks since boot, or 0 if it does not run.
 
     The command name may hold blanks and parentheses: fields count from the last ')'.
     Source: proc_pid_stat(5).

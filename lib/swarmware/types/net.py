@@ -179,7 +179,7 @@ class RosterState(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """The roster that is in force at a node (board `net/roster`, reply of `sys/broker/roster`)."""
 
     version: int = 0
-    """Version of the roster, which rises with each change; 0 if the node has no keys."""
+    """Version of the roster, which rises with each change, or 0 if the node has no keys."""
     key_epoch: int = 0
     """Number of the group key."""
     swarm: str = ""

@@ -41,7 +41,7 @@ class RemoteInput(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Applications that read it here."""
     within_s: float
     """Shortest delay that one of them states to need, or else age above which its owner declares a value
-    stale; 0 if neither is stated."""
+    stale, or 0 if neither is stated."""
     values: int = 0
     """Values that arrived while it was measured."""
     payload_bytes: int = 0

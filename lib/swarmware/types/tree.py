@@ -103,7 +103,7 @@ class TreeSetDone(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
     path: str
     version: int
-    """Version of the value now set; 0 when it was forwarded to an application, which versions it itself."""
+    """Version of the value now set, or 0 if it was forwarded to an application, which versions it itself."""
     type: str
     data: bytes
     """MessagePack of the value now set."""
@@ -238,7 +238,7 @@ class TreeChange(msgspec.Struct, frozen=True, array_like=True, gc=False):
     refused: str = ""
     """Reason of a refusal, or "" if it was executed."""
     via: tuple[str, ...] = ()
-    """Platforms that forwarded the request, the first one first; () if it came directly. Only the last one is
+    """Platforms that forwarded the request, the first one first, or () if it came directly. Only the last one is
     authenticated."""
 
 

@@ -125,6 +125,7 @@ class LimitRule:
     def on_value(self, value: float, now_ns: int) -> bool:
         """Samples the newest value; returns True if another state is confirmed."""
         self.value = value
+        # kept apart from `raw`: the readiness to arm judges the value also during the grace time
         self.present = self._criterion(value)
         changed = self._debouncer.on_sample(self.present, now_ns)
         if changed:

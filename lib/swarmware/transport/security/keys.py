@@ -109,7 +109,7 @@ class Keys:
 
     @property
     def swarm_mark(self) -> int:
-        """The first two bytes of the fingerprint of the root, which sessions show; 0 without keys."""
+        """The first two bytes of the fingerprint of the root, which sessions show, or 0 without keys."""
         return int.from_bytes(root_digest(self.root_public)[:2]) if self.root_public else 0
 
     @property

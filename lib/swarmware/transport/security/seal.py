@@ -19,7 +19,7 @@ SENDER_LIMIT: Final = 4096
 """Maximum senders in an opener; only those with a valid seal are added."""
 SESSION_MARK: Final = 0xFFFF
 """Bits of a session that distinguish the swarms on one network: the first two bytes of the fingerprint of the
-root; 0 without keys. The others rise with each start."""
+root, or 0 without keys. The others rise with each start."""
 EPOCHS: Final = 16
 """Key epochs that a datagram distinguishes: four bits."""
 

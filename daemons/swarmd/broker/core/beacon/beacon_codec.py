@@ -113,7 +113,7 @@ def decode_header(data: bytes) -> tuple[Header, int]:
 
 
 def sender_of(data: bytes) -> int:
-    """Sender of a datagram before it is decoded; 0 when it is too short."""
+    """Sender of a datagram before it is decoded, or 0 if it is too short."""
     return int.from_bytes(data[2:6], "little")
 
 

@@ -72,7 +72,7 @@ class LinkPeer(msgspec.Struct, frozen=True):
     port: int
     """TCP port of its connections."""
     curve_public: bytes
-    """CURVE key from the roster, or from its hello without a roster; "" if it is not on the roster."""
+    """CURVE key from the roster, or from its hello without a roster, or "" if it is not on the roster."""
     session: int
     frame_port: int = 0
     """UDP port for frames as datagrams, or 0 if it takes none."""

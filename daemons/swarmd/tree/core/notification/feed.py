@@ -68,7 +68,7 @@ class Feed:
             wanted_ns = max(0 if over_wire else default_interval_ns, half_period_ns(resource))
         self._own_interval_ns = wanted_ns
         self._interval_ns = wanted_ns
-        """Minimum interval by rule or resource; 0 while a rule of channels sets the rate."""
+        """Minimum interval by rule or resource, or 0 while a rule of channels sets the rate."""
         # an event or item that is repeated would count as a second one
         self._repeat_ns = _ns(rule.max_interval_s) if self.latest_only else 0
         self._each = over_wire and rule.deadband <= 0
@@ -351,7 +351,7 @@ class Feed:
 
 
 def half_period_ns(resource: Resource) -> int:
-    """Half of a board's period: a value does not wait because the one before was late; 0 without a rate."""
+    """Half of a board's period, or 0 without a rate; a value does not wait because the last was late."""
     return round(1e9 / resource.rate_hz) // 2 if resource.rate_hz > 0 else 0
 
 

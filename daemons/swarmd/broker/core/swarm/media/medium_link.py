@@ -78,7 +78,7 @@ class MediumLink:
         return self._arrivals.quality if self.is_received(now_ns) else 0
 
     def quality_out(self, now_ns: int) -> int:
-        """Share of ours that arrive there; 0 when the neighbour has not said so lately."""
+        """Share of our datagrams that arrive there, or 0 without a recent report of the neighbour."""
         silence_ns = LISTINGS * max(self._period_ns, self._timeout_ns // 2)
         return self._reported if now_ns - self._listed_ns <= silence_ns else 0
 
