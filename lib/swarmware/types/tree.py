@@ -238,8 +238,8 @@ class TreeChange(msgspec.Struct, frozen=True, array_like=True, gc=False):
     refused: str = ""
     """Reason of a refusal, or "" if it was executed."""
     via: tuple[str, ...] = ()
-    """Platforms that forwarded the request, the first one first, or () if it came directly. Only the last one is
-    authenticated."""
+    """Platforms that forwarded the request, the first one first, or () if it came directly. Only the last one
+    is authenticated."""
 
 
 @register
