@@ -176,24 +176,15 @@ GRAMMAR: Final = {
     )
 }
 """Telegraph style, and pronouns in place of nouns, which a reader of one line does not understand."""
-NOT_YET: Final = ("daemons/swarmd/mission",)
-"""Folders and pages whose prose is not rewritten yet; a finished one leaves this list."""
 
 
 def test_a_line_of_prose_names_its_subject() -> None:
     found = [
         f"{name(path)}:{line}: {text!r}; expected {instead}"
         for path in [*SOURCES, *PAGES, *TESTS]
-        if is_finished(name(path))
         for line, text, instead in telegraphic(path)
     ]
     assert not found, "\n".join(found)
-
-
-@pytest.mark.parametrize("folder", NOT_YET)
-def test_an_unfinished_folder_has_unfinished_prose(folder: str) -> None:
-    paths = [path for path in [*SOURCES, *PAGES, *TESTS] if is_below(name(path), folder)]
-    assert any(map(telegraphic, paths)), f"{folder} is finished: remove it here"
 
 
 @pytest.mark.parametrize(
@@ -281,14 +272,6 @@ def test_a_public_docstring_has_four_words_or_more() -> None:
 )
 def test_the_words_are_found_in_prose(text: str, word: str) -> None:
     assert [key for key, form in IN_PROSE.items() if form.search(text)] == ([word] if word else [])
-
-
-def is_below(path: str, folder: str) -> bool:
-    return path == folder or path.startswith(f"{folder}/")
-
-
-def is_finished(path: str) -> bool:
-    return not any(is_below(path, folder) for folder in NOT_YET)
 
 
 @cache

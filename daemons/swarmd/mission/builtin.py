@@ -72,8 +72,9 @@ def manoeuvre(
 ) -> MissionDefinition:
     """The mission of a manoeuvre with its parameters.
 
-    `force`: who forces the take-off of a vehicle that is not ready, and why; empty: it is refused.
-    Raises: InvalidInput for an unknown one, a vehicle that cannot do it, or other parameters; MissionError.
+    `force`: who forces the take-off of a vehicle that is not ready, and why, or "" if it is refused.
+    Raises: InvalidInput for an unknown manoeuvre, a vehicle that cannot fly it, or other parameters;
+    MissionError.
     """
     if name not in MANOEUVRES:
         raise InvalidInput(f"manoeuvre {name!r}: unknown; expected one of {', '.join(MANOEUVRES)}")

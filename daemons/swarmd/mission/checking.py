@@ -92,8 +92,8 @@ class Checker:
             await self.load(folder.texts[one.file], folder.place(one.file), one.binding)
 
     async def _finished(self, quick: list[Finding] | None, job: Job, where: str) -> Findings:
-        """The result of the quick check, or of a separate process when there is none or its budget was
-        exceeded."""
+        """The findings of the quick check, or of a separate process if the quick check was skipped or
+        exceeded its budget."""
         if quick is not None and not any(finding.rule == TOO_LARGE for finding in quick):
             return tuple(quick)
         async with self._turn:

@@ -107,7 +107,7 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     reaction: tuple[ReactionRow, ...] = REACTIONS
     """Reactions to faults; the row `link_loss` is made of the two settings above."""
     fence: FenceConfig | None = None
-    """Area and heights that the vehicle must not leave; left out: there is no fence."""
+    """Area and heights that the vehicle must not leave, or None without a fence."""
 
     def __post_init__(self) -> None:
         """Check the names of the rows."""

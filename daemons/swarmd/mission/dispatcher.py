@@ -198,7 +198,7 @@ class Dispatcher:
         return assignment
 
     def _sent(self, task: MissionTask) -> Folder:
-        """The mission by content; one that is stored here with the same content is not parsed again."""
+        """The mission whose files a task contains; a stored one of equal content is not parsed again."""
         stored = self._store.known(files_hash(task.files))
         if stored is None:
             return from_files(task.files, task.name, self._checker.catalogue)

@@ -28,7 +28,7 @@ class Drain:
     def __init__(self, file: Path) -> None:
         self._file = file
         self.by = self._load()
-        """Operator who drained it; empty: none."""
+        """Operator who drained the platform, or "" if it is not drained."""
 
     def _load(self) -> str:
         try:

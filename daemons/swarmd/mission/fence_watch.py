@@ -54,7 +54,7 @@ class FenceWatch:
                 self._board.write(self._evaluate(config, vehicle), now_ns)
 
     def refusal(self, mission: MissionDefinition) -> str:
-        """Why a mission is refused: its targets that are not within the fence; empty: it is accepted."""
+        """Reason to refuse a mission, with its targets outside the fence, or "" if it is accepted."""
         if self._config is None:
             return ""
         found = [
@@ -65,9 +65,9 @@ class FenceWatch:
         return "; ".join(found)
 
     def why_not(self, place: Point | None, z_m: float | None) -> str:
-        """Why a target is refused; empty: there is no fence, or it is within all limits.
+        """Reason to refuse a target, or "" if it is within all limits or there is no fence.
 
-        `place`: None for one that is only a height; `z_m`: None for one that keeps its height.
+        `place`: None for a target that is only a height; `z_m`: None for a target that keeps its height.
         """
         if self._config is None:
             return ""

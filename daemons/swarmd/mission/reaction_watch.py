@@ -64,7 +64,7 @@ class ReactionWatch:
         self._way_home = WayHomeEstimate(config.home_reserve_ratio)
         self._battery: BoardReader[BatteryState] = module.reader("power/battery", BatteryState)
         self._station: bool | None = None
-        """Whether a ground station is in reach; None: none ever was."""
+        """Whether a ground station is in reach, or None before the first contact with a station."""
         self._restarted = vehicle.armed
         self._watch_board = module.writer(
             "mission/watch", MissionWatch, log="all", description="Observations of the mission daemon"

@@ -24,7 +24,7 @@ class MissionStore:
         """
         found = self._folders()
         if name not in found:
-            known = ", ".join(sorted(found)) or "there is none"
+            known = ", ".join(sorted(found)) or "(the store is empty)"
             raise NotFound(f"mission {name!r}: not in the store; expected one of: {known}")
         return self._read(found[name])
 

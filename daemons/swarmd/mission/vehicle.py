@@ -81,7 +81,7 @@ class VehicleClient:
 
     @property
     def home(self) -> Pose | None:
-        """The place where the vehicle was armed; None: unknown."""
+        """The place where the vehicle was armed, or None if unknown."""
         return self._home.place
 
     @property
@@ -137,7 +137,7 @@ class VehicleClient:
     async def arm(self, armed: bool, *, force: str = "") -> None:
         """Arms or disarms the motors, and waits until the vehicle reports it.
 
-        `force`: who forces the arming of a vehicle that is not ready, and why; empty: it is refused.
+        `force`: who forces the arming of a vehicle that is not ready, and why, or "" if it is refused.
         Raises: BlockError refused or no_vehicle.
         """
         order, was_armed = ArmRequest(armed, bool(force), force), self.armed

@@ -59,7 +59,7 @@ class TakeoffBlock:
 
 
 class LandBlock:
-    """Lands the vehicle at its position; one that does not fly stops."""
+    """Lands the vehicle at its position, or stops a vehicle that does not fly."""
 
     spec = spec("Land")
 

@@ -1,4 +1,4 @@
-"""Classes of blocks by type: the built-in ones, and those of installed packages."""
+"""Classes of the built-in blocks and of the blocks in installed packages, by type of block."""
 
 import logging
 from collections.abc import Mapping

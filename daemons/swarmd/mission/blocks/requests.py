@@ -161,7 +161,7 @@ async def class_named(module: Module, path: str, name: str) -> type[msgspec.Stru
 
 @asynccontextmanager
 async def errors_of_block() -> AsyncIterator[None]:
-    """Errors of a request become those of a block.
+    """Converts errors of a request into errors of a block.
 
     Raises: BlockError not_found, no_answer or refused.
     """

@@ -42,10 +42,11 @@ class Announcer:
         return self._left == 0 and msgspec.structs.replace(state, **_QUIET) == self._announced
 
     def deadline_ns(self) -> int | None:
-        """When `due` must be called next without a change; None: at once."""
+        """When `due` must be called next without a change, or None if it is due at once."""
         if self._last_ns is None:
             return None
         if self._left:
             return self._last_ns + INTERVAL_NS
-        # with other periodic work of the node, but not with that of the full second
+        # together with other periodic work of the node, which saves wake-ups, but away from the full second:
+        # most of the work is due then
         return next_multiple_ns(self._last_ns, HEARTBEAT_NS, HEARTBEAT_NS // 10 * 7)

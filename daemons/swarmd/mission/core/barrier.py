@@ -2,8 +2,8 @@
 
 The first participant opens a barrier: it publishes the common time on its own clock; the others convert it.
 A time-out, or a member that is lost or has ended, breaks a barrier for all members that wait (S4.17).
-A ground station is an exception: a flying swarm waits for a present one, but does not need one that is lost,
-has ended or timed out, unless the barrier names its role.
+A ground station is an exception: a flying swarm waits for a present station, but continues without a station
+that is lost, has ended or timed out, unless the barrier names its role.
 """
 
 from collections import OrderedDict
@@ -23,11 +23,11 @@ OVER: Final = INACTIVE | {MissionPhase.ENDING, MissionPhase.RECOVERING}
 ORDERED: Final = frozenset({MissionPhase.ABORTED})
 """States that a ground station enters only on an instruction: then it counts like any other member."""
 PATIENCE: Final = 3
-"""Factor on the time-out of a member whose mission is silent while its computer still sends."""
+"""Factor on the time-out of a member whose computer still sends while its mission state is missing."""
 MEMORY: Final = 16
 """Number of barrier results that a member stores."""
 ANNOUNCED: Final = 3
-"""Number of the newest results that it keeps publishing, for members that arrive late."""
+"""Number of the newest results that a member keeps publishing, for members that arrive late."""
 
 LATE_NS: Final = 500_000_000
 """Maximum lateness of a barrier result; for a waiting member that receives it later the barrier is broken."""
@@ -41,9 +41,9 @@ class BarrierSpec(msgspec.Struct, frozen=True):
     barrier: str
     visit: int
     quorum: int | None = None
-    """Number of arrivals that open it; None: all."""
+    """Number of arrivals that open the barrier, or None if all participants must arrive."""
     roles: tuple[str, ...] = ()
-    """Roles that participate; empty: all."""
+    """Roles that participate, or () for all roles."""
     timeout_s: float | None = None
 
 
@@ -59,14 +59,14 @@ class _OtherMember(msgspec.Struct):
     """State of another member as received here."""
 
     state: MissionState | None = None
-    """Its newest state in this run; None: none was received yet."""
+    """Newest state of the member in this run, or None before the first one."""
     received_ns: int = 0
     alive_ns: int = 0
-    """When anything else was last received from its computer."""
+    """Instant of the last datagram from the member's computer, whatever its content."""
     left: bool = False
-    """It took part, and now plays another mission or was restarted."""
+    """True if the member took part, and now plays another mission or was restarted."""
     suspended_ns: int | None = None
-    """Since when it plays something else first and keeps its part of this run; None: it does not."""
+    """Instant since which the member has suspended this run for another one, or None if it has not."""
 
 
 class _Waiting(msgspec.Struct):
@@ -74,22 +74,22 @@ class _Waiting(msgspec.Struct):
     since_ns: int
     deadline_ns: int | None
     patience_ns: int
-    """Length of its time-out."""
+    """Length of the time-out of the barrier, by which the common start extends its deadline."""
 
 
 class _Known(msgspec.Struct):
     """The result of a barrier as known here."""
 
     leave_ns: int | None
-    """Common time on the own clock; None: the barrier is broken."""
+    """Common time on the own clock, or None if the barrier is broken."""
     by: int
     """Index of the member that decided the result."""
     relayed: bool
-    """Received from a member that did not decide it, so converted more than once."""
+    """True if a member sent the result that did not decide it: its time was converted more than once."""
     since_ns: int
     """When this member received it."""
     passed: bool = False
-    """This member has passed the barrier: its result is final."""
+    """True if this member has passed the barrier, which makes the result final."""
 
 
 class Barriers:
@@ -141,19 +141,19 @@ class Barriers:
         return (barrier, 1) in self._known
 
     def expect_all(self, now_ns: int) -> None:
-        """From now on a silent member counts as lost."""
+        """Begins to count silent members as lost."""
         self._expected = True
         for peer in self._peers.values():
             peer.received_ns = peer.alive_ns = now_ns
 
     def on_loop_delay(self, late_ns: int) -> None:
-        """This node did not listen for this time, in which the others were not silent."""
+        """Extends the time-outs of the others by the time for which this node did not listen."""
         for peer in self._peers.values():
             peer.received_ns += late_ns
             peer.alive_ns += late_ns
 
     def on_alive(self, platform: str, now_ns: int) -> None:
-        """Datagrams of a member arrive, even if its mission state was lost."""
+        """Records that datagrams of a member arrive, even if its mission state was lost."""
         peer = self._peers.get(platform)
         if peer is not None:
             peer.alive_ns = max(peer.alive_ns, now_ns)
@@ -173,17 +173,17 @@ class Barriers:
         else:
             peer.left = peer.left or peer.state is not None or peer.suspended_ns is not None
         if not takes_part:
-            return
+            return  # its results belong to another run, in which a barrier may have the same id
         peer.state, peer.received_ns, peer.left = state, now_ns, False
         for result in results:
             if result.leave_ns is None and self._is_from_dispensable(result):
-                continue
+                continue  # a station that lost its link must not stop vehicles that still see each other
             relayed = result.by != self._rank[platform]
             self._learn((result.barrier, result.visit), result.leave_ns, result.by, relayed, now_ns)
 
     def _on_suspended(self, peer: _OtherMember, now_ns: int) -> None:
-        """A member plays something else first, or has not begun because it does."""
-        if peer.suspended_ns is None:
+        """Records that a member plays another run first, and has suspended this one or not begun it."""
+        if peer.suspended_ns is None:  # the tolerance counts from the first report
             peer.suspended_ns = now_ns
         peer.received_ns, peer.left = now_ns, False
         if not self._expected:
@@ -193,19 +193,19 @@ class Barriers:
                     waiting.deadline_ns = max(waiting.deadline_ns, now_ns + waiting.patience_ns)
 
     def arrive(self, token: int, spec: BarrierSpec, now_ns: int) -> None:
-        """This member has arrived at a barrier."""
+        """Begins the wait of this member at a barrier."""
         patience_ns = round((spec.timeout_s or 0) * 1e9)
         deadline_ns = None if spec.timeout_s is None else now_ns + patience_ns
         self._waiting[token] = _Waiting(spec, now_ns, deadline_ns, patience_ns)
 
     def withdraw(self, token: int) -> None:
-        """This member does not wait at that barrier any more."""
+        """Ends the wait of this member at a barrier."""
         self._waiting.pop(token, None)
 
     def advance(self, now_ns: int) -> list[Passed]:
         """Returns the waits that have ended; call it after every event and at the deadline."""
         passed: list[Passed] = []
-        self._judged_ns = now_ns
+        self._judged_ns = now_ns  # `deadline_ns` then omits losses that this call has seen
         for token, waiting in list(self._waiting.items()):
             result = self._result(waiting, now_ns)
             if result is not None:
@@ -259,7 +259,8 @@ class Barriers:
         if known.leave_ns > now_ns:
             return None
         known.passed = True
-        # a member that arrives after a quorum has left passes; one that waited for all must not follow alone
+        # A member that arrives after a quorum has left may pass. A member that waited for all others and
+        # learns late that they have left must not follow alone.
         late = known.since_ns - known.leave_ns > LATE_NS
         if late and spec.quorum is None and waiting.since_ns <= known.leave_ns:
             return BARRIER_BROKEN, f"the others left {(now_ns - known.leave_ns) / 1e9:.1f} s ago"
@@ -274,10 +275,12 @@ class Barriers:
         needed = len(participants) if spec.quorum is None else min(spec.quorum, len(participants))
         key = (spec.barrier, spec.visit)
         if len(there) >= needed:
+            # only the first participant decides: two members would choose two common times
             if there[0] == self._me:
                 leave_ns = now_ns + self._lead(now_ns)
                 self._learn(key, leave_ns, self._rank[self._me], relayed=False, now_ns=now_ns)
             elif waiting.deadline_ns is not None and waiting.deadline_ns <= now_ns:
+                # the first participant has not decided in time: its result may never arrive
                 self._learn(key, None, self._rank[self._me], relayed=False, now_ns=now_ns)
         elif (
             len(participants) - gone < needed
@@ -298,8 +301,9 @@ class Barriers:
         )
 
     def _learn(self, key: Key, leave_ns: int | None, by: int, relayed: bool, now_ns: int) -> None:
-        """Stores a result. `broken` takes precedence, so that all decide alike; then the first member's own
-        result."""
+        """Stores a result; of two results, a broken barrier precedes, then the result of the first member.
+
+        All members apply this order, so that all decide alike."""
         known = self._known.get(key)
         if known is None:
             self._known[key] = _Known(leave_ns, by, relayed, now_ns)
@@ -322,7 +326,7 @@ class Barriers:
         ]
 
     def _dispensable(self, name: str, barrier: str) -> bool:
-        """Whether the others may continue without this member."""
+        """Whether the other members may continue without this member."""
         if name not in self._stations or name == self._me or barrier in self._strict:
             return False
         state = self._peers[name].state
@@ -351,10 +355,12 @@ class Barriers:
         return self._expected and now_ns > self._lost_ns(peer)
 
     def _lost_ns(self, peer: _OtherMember) -> int:
-        """When a member counts as lost unless something of it is received before."""
+        """Instant at which a member counts as lost, unless a datagram of it arrives before."""
         received_ns = peer.received_ns
         if peer.suspended_ns is not None:
+            # its silence counts late, since nothing waits for it yet, and its absence after the tolerance
             return min(received_ns + PATIENCE * self._lost_after_ns, peer.suspended_ns + self._tolerance_ns)
+        # other datagrams extend the time-out, but not for ever: the mission daemon alone may have stopped
         last_ns = min(max(received_ns, peer.alive_ns), received_ns + (PATIENCE - 1) * self._lost_after_ns)
         return last_ns + self._lost_after_ns
 
@@ -364,8 +370,8 @@ class Barriers:
 
 
 LEAD_BEACONS: Final = 2.5
-"""Beacon periods per hop for a barrier result: the next beacon carries it, or the one after if that is
-lost."""
+"""Beacon periods per hop for a barrier result: the next beacon carries it, or the following beacon
+after a loss."""
 LEAD_MAX_NS: Final = 5_000_000_000
 
 
@@ -386,7 +392,7 @@ def lead_to_ns(
 ) -> int:
     """The lead for these members, with the present routes and beacon rates.
 
-    `own_hz`: beacon rate of this node; 0: not known. The rates of nodes that relay to a member are included.
+    `own_hz`: beacon rate of this node, or 0 if unknown. Rates of nodes that relay to a member are included.
     """
     ways = [route for route in routes.routes if route.platform in platforms] if routes else []
     relays = {route.via for route in ways if route.hops > 1}

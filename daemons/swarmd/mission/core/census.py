@@ -25,7 +25,7 @@ class Census:
         self._me = me
         self._lost_after_ns = lost_after_ns
         self.roster: frozenset[str] = frozenset()
-        """All members, also those never received; empty without keys."""
+        """All platforms with a key, also before the first contact, or empty without keys."""
         self._received: dict[str, _ReceivedState] = {}
         self._reached: dict[str, int] = {}
         self._first_reached: dict[str, int] = {}
@@ -45,7 +45,7 @@ class Census:
         return bool(self._received)
 
     def first_state_until_ns(self, now_ns: int) -> int:
-        """Until when first states of platforms in reach are expected; 0: none is."""
+        """Until when first states of platforms in reach are expected, or 0 if no platform is awaited."""
         oldest_ns = now_ns - self._lost_after_ns
         return max(
             (
@@ -62,6 +62,7 @@ class Census:
         return {
             name: received.state
             for name, received in self._received.items()
+            # a platform with a route is present even while its mission state is lost
             if max(received.at_ns, self._reached.get(name, received.at_ns)) >= oldest_ns
         }
 

@@ -66,9 +66,9 @@ class MissionExecutor:
         self._built_in = built_in
         """Built-in missions of this kind of vehicle, such as land and hold; empty at a ground station."""
         self._playable = dict(built_in)
-        """The same with the newest manoeuvres that an operator ordered, such as goto."""
+        """Built-in missions, and the newest manoeuvres that an operator ordered, such as goto."""
         self._ordered = False
-        """Whether an operator ordered the built-in mission: it takes the vehicle from another operator."""
+        """Whether an operator ordered the built-in mission, which then takes the vehicle from its driver."""
         self._lookup = lookup
         self._chance = chance
         self._config = config
@@ -82,7 +82,7 @@ class MissionExecutor:
         self.playing = ""
         """Name of the mission that is played, perhaps a built-in one."""
         self._title = ""
-        """Name reported at the end: the mission, or the built-in one that an operator ordered."""
+        """Name reported at the end: the mission, or the built-in mission that an operator ordered."""
         self._barriers: Barriers | None = None
         self._blocks: dict[int, Block] = {}
         """Barriers at which the mission waits, by token."""
@@ -133,12 +133,12 @@ class MissionExecutor:
 
     @property
     def rows(self) -> tuple[ReactionRow, ...]:
-        """Reactions of the running mission, which precede those of the platform."""
+        """Reactions of the running mission, which precede the reactions of the platform."""
         return self._run.reactions if self._run and self._phase is MissionPhase.RUNNING else ()
 
     @property
     def on_link_loss(self) -> str:
-        """Policy of the running mission for a lost link; empty: that of the platform."""
+        """Policy of the running mission for a lost link, or "" for the policy of the platform."""
         return self._run.mission.on_link_loss if self._run and self._phase is MissionPhase.RUNNING else ""
 
     def state(self) -> MissionState:
@@ -270,7 +270,7 @@ class MissionExecutor:
         self._text = text
 
     def on_abort(self, reason: str, then: str, now_ns: int) -> list[Action]:
-        """Stops the mission, then plays the built-in mission `then`, or the one that the mission defines.
+        """Stops the mission, then plays the built-in mission `then`, or by default its `on_failure`.
 
         Raises: Conflict when this platform has no such built-in mission.
         """
@@ -298,7 +298,7 @@ class MissionExecutor:
         return self._settle(now_ns)
 
     def on_control(self, control: ControlState, now_ns: int) -> list[Action]:
-        """Takes who drives: a vehicle that is driven by hand holds its mission."""
+        """Takes the driver of the vehicle; the mission is held while a person drives."""
         manual = control.mode is not DriveMode.AUTO
         held_by = (control.holder or control.mode.value) if manual else ""
         if held_by != self._commons.held_by:
@@ -330,7 +330,7 @@ class MissionExecutor:
         return min((instant for instant in instants if instant is not None), default=None)
 
     def extend_waits(self, late_ns: int) -> None:
-        """This node did not listen for this time: the others were not silent in it."""
+        """Extends the time-outs of the others by the time for which this node did not listen."""
         if self._barriers is not None:
             self._barriers.on_loop_delay(late_ns)
 
@@ -346,7 +346,7 @@ class MissionExecutor:
     def _empty_queue(self, now_ns: int) -> None:
         while self._queue:
             match self._queue.popleft():
-                case Passed(0, result, text):
+                case Passed(0, result, text):  # token 0 is the common start, which no block has
                     self._start(result, text, now_ns)
                 case Passed(token, result, text):
                     self._leave_barrier(token, result, text, now_ns)
@@ -373,7 +373,7 @@ class MissionExecutor:
         """Puts actions of the player at the front of the queue."""
         if self._player is not None and self._player.stopping and self._phase in PLAYING | MAKING_WAY:
             self._move(PhaseEvent.STOP, now_ns)
-        self._queue.extendleft(reversed(steps))
+        self._queue.extendleft(reversed(steps))  # `extendleft` alone would reverse their order
 
     def _move(self, event: PhaseEvent, now_ns: int, text: str = "") -> None:
         self._phase = follow(self._phase, event)
@@ -430,16 +430,16 @@ class MissionExecutor:
         ordered: bool = False,
         again: bool = False,
     ) -> None:
-        """Ends what is played, then plays a built-in mission or becomes inactive."""
+        """Ends the mission or built-in mission that is played, then plays another or becomes inactive."""
         self._ordered = ordered
         if self._phase is MissionPhase.RECOVERING and then in {"", self.playing} and not again:
             self._take_vehicle()
-            return  # it already plays that one
+            return  # a second order does not begin the same built-in mission again
         if self._phase in PLAYING | MAKING_WAY and self._player is not None:
             self._recovery = then
             self._feed(self._player.stop(result, reason, now_ns), now_ns)
             return
-        if self._phase is MissionPhase.ENDING:
+        if self._phase is MissionPhase.ENDING:  # blocks are being cancelled: `_end` plays the newest choice
             self._recovery = then or self._recovery
             return
         if self._phase in {MissionPhase.READY, MissionPhase.SUSPENDED}:
@@ -462,7 +462,7 @@ class MissionExecutor:
         recovering, self._recovering = self._recovering, False
         recovery, self._recovery = self._recovery, ""
         self._ratios = {}
-        if not recovering:
+        if not recovering:  # the end of a built-in mission does not change the result of the mission before
             self._verdict, self._reason = PhaseEvent(result.value), reason or result.value
             recovery = recovery or (
                 self._run.mission.on_failure if self._run and result is not PlayResult.DONE else ""

@@ -45,9 +45,10 @@ class Area(msgspec.Struct, frozen=True):
 
 
 def area_of(config: FenceConfig, local_map: LocalMap | None) -> Area | None:
-    """The horizontal limit in the map; None: there is none.
+    """The horizontal limit in the map, or None if the fence limits only heights.
 
-    `local_map`: needed for degrees.
+    `local_map`: required for a fence in degrees.
+    Raises: InvalidInput for a fence in degrees without `local_map`.
     """
 
     def place(point: Point) -> Point:
@@ -83,7 +84,7 @@ class Geofence:
         self._config = config
         self._area = area
         self._risen = False
-        """Whether the vehicle was above the lowest height since its take-off: only then that binds it."""
+        """Whether the vehicle rose above the lowest height since its take-off; only then is that a limit."""
 
     def _heights(self, z_m: float, *, bound_below: bool) -> list[tuple[float, FenceLimit]]:
         """Distance to each limit of the height, positive inside."""
@@ -120,12 +121,12 @@ class Geofence:
         low = self._config.min_height_m
         if free or low is None:
             self._risen = False
-        elif z_m >= low + self._config.margin_m:
+        elif z_m >= low + self._config.margin_m:  # within the margin it would be reported as leaving
             self._risen = True
         return self._risen
 
     def _runs_out(self, pose: Pose, *, bound_below: bool) -> bool:
-        """Whether it would stop beyond a limit, or within the margin of one, if a hold were ordered now."""
+        """Whether the vehicle would stop beyond a limit or within its margin, if a hold were ordered now."""
         speed_m_s = math.hypot(pose.vx_m_s, pose.vy_m_s)
         if self._area is not None and speed_m_s > 0.0:
             ahead_m = stop_m(speed_m_s) + self._config.margin_m
@@ -134,6 +135,7 @@ class Geofence:
                 pose.x_m + pose.vx_m_s / speed_m_s * ahead_m,
                 pose.y_m + pose.vy_m_s / speed_m_s * ahead_m,
             )
+            # the end alone does not suffice: a concave fence may be left and entered again on the way
             if self._area.left_on(here, there):
                 return True
         rise_m = math.copysign(stop_m(abs(pose.vz_m_s)), pose.vz_m_s)
@@ -141,9 +143,9 @@ class Geofence:
         return any(left_m < self._config.margin_m for left_m, _ in heights)
 
     def why_not(self, place: Point | None, z_m: float | None) -> str:
-        """Why a target is refused; empty: it is within all limits.
+        """Reason to refuse a target, or "" if it is within all limits.
 
-        `place`: None for one that is only a height; `z_m`: None for one that keeps its height.
+        `place`: None for a target that is only a height; `z_m`: None for a target that keeps its height.
         """
         distances = [] if z_m is None else self._heights(z_m, bound_below=True)
         if place is not None and self._area is not None:

@@ -13,7 +13,7 @@ KINDS: Final[dict[NavError, str]] = {
     NavError.NO_WAY: "blocked",
     NavError.BAD_GOAL: "blocked",
 }
-"""Kind of a block's error, by the navigator's error; one that a later navigator reports is as NONE."""
+"""Kind of a block's error, by the navigator's error; an error unknown to this version counts as NONE."""
 DEFAULT_S: Final[dict[NavError, float]] = {
     NavError.NONE: 0.0,
     NavError.DISARMED: 1.0,
@@ -31,12 +31,13 @@ class NavFaultTimeouts:
         self._since: tuple[NavError, int] | None = None
 
     def reset(self) -> None:
-        """Begins all of them again: what the navigator reported does not count."""
+        """Restarts the timeouts: earlier reports of the navigator do not count."""
         self._since = None
 
     def lost(self, status: NavStatus, now_ns: int) -> tuple[str, str] | None:
         """Kind and text of the error when it has lasted longer than its timeout."""
         error = status.error
+        # a blocked navigator without a named error makes no progress either, which has a timeout too
         if error is NavError.NONE and status.state is not NavState.BLOCKED:
             self._since = None
             return None

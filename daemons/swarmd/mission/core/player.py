@@ -71,9 +71,9 @@ class _Running(msgspec.Struct):
     token: int
     deadline_ns: int | None
     result: BlockOutcome | None = None
-    """Its result once it is cancelled; None: it runs."""
+    """Result of the block once it is cancelled, or None while it runs."""
     visit: int = 0
-    """Number of the visit, of a Barrier."""
+    """Number of the visit of a Barrier, from 1, or 0 for other blocks."""
 
 
 class _Parked(msgspec.Struct):
@@ -81,11 +81,11 @@ class _Parked(msgspec.Struct):
 
     block: Block
     result: BlockOutcome | None = None
-    """Its result, if it ended while the mission was being suspended."""
+    """Result of the block if it ended while the mission was being suspended."""
     text: str = ""
     visit: int = 0
     remaining_ns: int | None = None
-    """Rest of a pause."""
+    """Remaining time of a Wait, or None for other blocks."""
 
 
 class Player:
@@ -178,6 +178,7 @@ class Player:
                     rest_ns = (running.deadline_ns or now_ns) - now_ns
                     self._park(running, None, remaining_ns=max(rest_ns, 0))
                 case BlockName.BARRIER:
+                    # it arrives again on resume, with the same visit, so that the others still count it
                     self._actions.append(LeaveBarrier(running.token))
                     self._park(running, None)
                 case _:
@@ -283,12 +284,14 @@ class Player:
             if block.type != BlockName.START:
                 outcome = SUCCESS if block.type == BlockName.FORK else outcomes[0]
                 self._actions.append(ProgressStep(block.id, block.type, outcome.label))
+            # the last item is taken next: reversed, the branches of a Fork begin in the order of the file
             for outcome in reversed(outcomes):
                 follower = block.successor(outcome)
                 if follower is None:
                     self._end(PlayResult.FAILED, f"{block.id} ended with {outcome.label}", now_ns)
                     return
                 work.append((target, follower))
+        # a loop of decisions without a block that takes time would occupy the event loop for ever
         self._end(PlayResult.FAILED, f"{target} is in a livelock", now_ns)
 
     def _decide(self, block: Block) -> BlockOutcome:
@@ -328,6 +331,7 @@ class Player:
     def _leave(self, running: _Running, result: BlockOutcome, text: str, now_ns: int) -> None:
         block = running.block
         if self._phase is PlayerPhase.SUSPENDING:
+            # a time-out that came before the suspension stays the result of the block
             if running.result is not None and running.result != SUSPENDED:
                 result = running.result
             self._park(running, None if result in {CANCELLED, SUSPENDED} else result, text)

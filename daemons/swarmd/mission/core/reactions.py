@@ -42,7 +42,7 @@ class Situation(msgspec.Struct, frozen=True):
     airborne: bool
     """Whether it flies now."""
     orders: int = 0
-    """Number of orders of operators so far: one that follows a reaction stands, unless the row is lasting."""
+    """Number of orders of operators so far; a later order overrides a reaction, unless its row is lasting."""
 
 
 class React(msgspec.Struct, frozen=True):
@@ -70,7 +70,7 @@ ReactionAction = React | RowChanged
 
 
 GAP_NS: Final = 1_500_000_000
-"""Longest time between two looks that counts as observed: a node that did not run has observed nothing."""
+"""Longest time between two evaluations that counts as observed: a node that did not run observes nothing."""
 
 
 class _Entry:
@@ -98,15 +98,15 @@ class _Entry:
         return situation.armed
 
     def holds(self, lookup: Lookup) -> bool:
-        """Whether the condition holds now; one that is unknown does not."""
+        """Whether the condition holds now; a condition with an unknown value does not hold."""
         return self._when.holds(lookup) is True
 
     def changed(self, lookup: Lookup) -> RowChanged:
-        """The news that the row has changed, with the values that caused it."""
+        """The report that the row has changed, with the values that caused it."""
         return RowChanged(self.state(), self._when.values(lookup))
 
     def chosen(self, lookup: Lookup) -> str:
-        """The action of the row, or the other one where it is not possible."""
+        """The action of the row, or its alternative if the action is not possible."""
         if self._possible is None or self._possible.holds(lookup) is True:
             return self.row.action
         return self.row.otherwise or self.row.action
@@ -145,6 +145,7 @@ class ReactionTable:
             entry = before.get(row.name)
             if row.name in self._entries:
                 continue
+            # a new definition of an active row waits until the row is idle: its action has been taken
             if entry is None or (entry.row != row and entry.phase is not _ACTIVE):
                 entry = _renewed(row, entry)
             entry.note = notes.get(row.name, "")
@@ -169,11 +170,12 @@ class ReactionTable:
         reactions: list[React] = []
         for entry in self._entries.values():
             if entry.phase is _PENDING:
-                entry.since_ns += unseen_ns
+                entry.since_ns += unseen_ns  # the hold time counts only observed time
             acts = self._step(entry, lookup, situation, now_ns, changes)
             if acts and entry.action != WARN:
                 entry.orders = situation.orders
                 reactions.append(React(entry.row, entry.action, entry.reason))
+        # the shell takes the actions in order, and a weaker one does not replace a stronger one
         reactions.sort(key=lambda one: -STRENGTH[one.action])
         return [*changes, *reactions]
 
@@ -200,6 +202,8 @@ class ReactionTable:
             entry.phase, entry.since_ns = _ACTIVE, now_ns
             changes.append(entry.changed(lookup))
             return True
+        # From here on the row is active. A fall-back is taken when its action becomes impossible, and a
+        # lasting row repeats its action after an order of an operator.
         overridden = entry.orders != situation.orders
         if entry.action == entry.row.action and entry.chosen(lookup) != entry.action and not overridden:
             entry.action = entry.chosen(lookup)
@@ -225,7 +229,7 @@ class ReactionTable:
 
 
 def _renewed(row: ReactionRow, before: _Entry | None) -> _Entry:
-    """The entry of a row whose definition is new; the hold time of a pending one continues."""
+    """The entry of a row whose definition is new; the hold time of a pending row continues."""
     entry = _Entry(row)
     if before is not None and before.row.when == row.when and before.phase is _PENDING:
         entry.phase, entry.since_ns, entry.reason = before.phase, before.since_ns, before.reason

@@ -11,7 +11,7 @@ CHECK_NS: Final = 1_000_000_000
 TURNS: Final = 2
 """Turns of a late event loop from a measurement to the value that is computed from it."""
 REQUIREMENT_MISSES: Final = 3
-"""Checks in a row in which a requirement cannot be evaluated before it counts as unmet."""
+"""Consecutive checks in which a requirement cannot be evaluated before it counts as unmet."""
 
 
 class DelayedLookup:
@@ -25,7 +25,7 @@ class DelayedLookup:
         self._delay_s = delay_ns / 1e9
 
     def value(self, path: str, field: str) -> Scalar | None:
-        """Newest value of the resource's field (empty: its only field)."""
+        """Newest value of a resource's field, or of its only field for ""."""
         return self._lookup.value(path, field)
 
     def age_s(self, path: str) -> float | None:
@@ -56,9 +56,10 @@ class RequirementWatch:
         self.due_ns = now_ns if at_once else now_ns + CHECK_NS
 
     def check(self, now_ns: int) -> str:
-        """Evaluates the requirements if that is due; returns one that no longer holds, or "" if all do."""
+        """Evaluates the requirements if due; returns the first that no longer holds, or "" if all do."""
         if self.due_ns is None or self.due_ns > now_ns:
             return ""
+        # a late call skips the missed evaluations: they would all see the same values
         self.due_ns += CHECK_NS * max(1, (now_ns - self.due_ns) // CHECK_NS)
         unmet: list[str] = []
         lookup = DelayedLookup(self._lookup, TURNS * self._delay.recent_ns(now_ns))

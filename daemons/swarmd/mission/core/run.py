@@ -23,7 +23,7 @@ class Run(msgspec.Struct, frozen=True):
     role: str
     members: tuple[Member, ...]
     reactions: tuple[ReactionRow, ...] = ()
-    """Rows that precede those of the platform while the mission runs."""
+    """Rows that precede the reactions of the platform while the mission runs."""
     priority: int = 0
     by: str = ""
     """Name of the sender of the order, or "" if it is not known."""
@@ -36,9 +36,9 @@ class Run(msgspec.Struct, frozen=True):
 
 
 PLAYING: Final = frozenset({MissionPhase.RUNNING, MissionPhase.RECOVERING})
-
-
+"""Phases in which blocks run and may move the vehicle."""
 MAKING_WAY: Final = frozenset({MissionPhase.SUSPENDING, MissionPhase.SUSPENDED})
+"""Phases of a mission that another one precedes."""
 
 
 class PhaseEvent(StrEnum):
@@ -149,7 +149,7 @@ class ProgressStep(msgspec.Struct, frozen=True):
     """A progress event for operators and the log."""
 
     block: str
-    """Id of the block; empty: the mission as a whole."""
+    """Id of the block, or "" for the mission as a whole."""
     type: str
     event: str
     text: str = ""
@@ -180,7 +180,7 @@ class TakeVehicle(msgspec.Struct, frozen=True):
     """The shell asks for the vehicle, which is driven by hand: a built-in mission is to move it."""
 
     ordered: bool
-    """By an operator; otherwise only a vehicle that no operator drives is taken."""
+    """True if by order of an operator; otherwise only a vehicle that no operator drives is taken."""
 
 
 PlayerAction = (

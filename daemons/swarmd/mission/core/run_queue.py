@@ -26,7 +26,7 @@ class QueuedRun(msgspec.Struct):
 
     @property
     def rank(self) -> tuple[int, int]:
-        """Its place: lower is earlier. The same at all members, so that they call it in the same order."""
+        """Place in the queue: lower is earlier. All members compute the same, so they call runs alike."""
         return -self.priority, self.run.epoch
 
     @property
@@ -35,7 +35,7 @@ class QueuedRun(msgspec.Struct):
         return self.executor.phase is MissionPhase.IDLE
 
     def entry(self, why: str) -> QueuedMission:
-        """Its row for operators."""
+        """Row of the queue as operators see it."""
         run, phase = self.run, self.executor.phase
         state = WAITING if self.is_waiting else phase.value
         return QueuedMission(run.epoch, run.name, run.role, self.priority, state, self.since_ns, run.by, why)

@@ -112,17 +112,17 @@ class MissionScheduler:
 
     @property
     def rows(self) -> tuple[ReactionRow, ...]:
-        """Reactions of the running mission, which precede those of the platform."""
+        """Reactions of the running mission, which precede the reactions of the platform."""
         return self._executor.rows
 
     @property
     def on_link_loss(self) -> str:
-        """Policy of the running mission for a lost link; empty: that of the platform."""
+        """Policy of the running mission for a lost link, or "" for the policy of the platform."""
         return self._executor.on_link_loss
 
     @property
     def ordered_by(self) -> str:
-        """Sender of the order of the present or last run, or "" if there is none."""
+        """Sender of the order of the present or last run, or "" if unknown."""
         return "" if self._played is None else self._played.run.by
 
     @property
@@ -165,7 +165,7 @@ class MissionScheduler:
         return f"after {first.run.name} ({first.run.epoch}), priority {first.priority}"
 
     def _hindrance(self) -> str:
-        """Why no run may begin or continue now, whatever its priority; "" if one may."""
+        """Reason why no run may begin or continue now, whatever its priority, or "" if a run may."""
         if self._commons.held_by:
             return f"{self._platform} is driven by hand by {self._commons.held_by}"
         if self._blocked_by:
@@ -182,6 +182,7 @@ class MissionScheduler:
         Raises: Conflict when the platform cannot play it: driven by hand, a built-in mission runs, a
         requirement is not met, the queue is full.
         """
+        # a mission that is ending hinders only the call of the run, not its place in the queue
         if self.phase is not MissionPhase.ENDING and (hindrance := self._hindrance()):
             raise Conflict(hindrance)
         executor = self._make()
@@ -215,7 +216,7 @@ class MissionScheduler:
 
         Raises: as `on_abort`.
         """
-        if self._queue.find(epoch) is not None:
+        if self._queue.find(epoch) is not None:  # not an order to the vehicle: reactions stay in force
             return self._settle(self._discard(epoch, reason, now_ns), now_ns)
         if epoch != self.epoch:
             return []
@@ -296,7 +297,7 @@ class MissionScheduler:
         self._executor.report(token, ratio, text)
 
     def on_control(self, control: ControlState, now_ns: int) -> list[Action]:
-        """Takes who drives: a vehicle that is driven by hand holds its mission."""
+        """Takes the driver of the vehicle; the mission is held while a person drives."""
         return self._settle(self._executor.on_control(control, now_ns), now_ns)
 
     def on_timer(self, now_ns: int) -> list[Action]:
@@ -312,7 +313,7 @@ class MissionScheduler:
         return announce_ns if run_ns is None else min(run_ns, announce_ns)
 
     def _listen(self, now_ns: int) -> None:
-        """Others are not silent while this core is not called."""
+        """Extends the time-outs of others by the delay of this core, during which it received nothing."""
         if late_ns := self._commons.delay.on_turn(self.deadline_ns(), now_ns):
             for executor in (self._executor, *(one.executor for one in self._queue)):
                 executor.extend_waits(late_ns)
@@ -341,7 +342,7 @@ class MissionScheduler:
                 actions += played.executor.suspend(reason, now_ns)
                 actions.append(_step(first, "preempts", f"{played.run.name} ({played.run.epoch})"))
                 if self.phase is not MissionPhase.SUSPENDED:
-                    break
+                    break  # its blocks have not ended; the last end settles again
             else:
                 break
         state = self.state()

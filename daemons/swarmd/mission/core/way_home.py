@@ -15,7 +15,7 @@ WINDOW_NS: Final = 120_000_000_000
 SPAN_MIN_NS: Final = 10_000_000_000
 """Minimum time for which the discharge must have been observed."""
 CHARGED_RATIO: Final = 0.01
-"""Rise of the charge that no flight explains: another battery, or one that was charged."""
+"""Rise of the charge that no flight explains: the battery was exchanged or charged."""
 MARGIN: Final = 1.3
 """Factor on the time of the return, for wind and obstacles on the way."""
 FINAL_M: Final = 1.5
@@ -47,7 +47,7 @@ class WayHomeEstimate:
 
     @property
     def discharge_1_s(self) -> float | None:
-        """Part of the charge that is drawn in a second; None while it is not known."""
+        """Part of the charge that is drawn in a second, or None while unknown."""
         if not self._samples:
             return None
         (begin_ns, before), (end_ns, after) = self._samples[0], self._samples[-1]
@@ -56,13 +56,14 @@ class WayHomeEstimate:
         return (before - after) / ((end_ns - begin_ns) / 1e9)
 
     def estimate(self, pose: Pose, home: Pose, *, flies: bool) -> WayHome | None:
-        """Charge for the way from here; None without a charge."""
+        """Charge for the way from here to home, or None without a measured charge."""
         if not self._samples:
             return None
         remaining = self._samples[-1][1]
         distance_m = math.hypot(home.x_m - pose.x_m, home.y_m - pose.y_m)
         duration_s = distance_m / Return().speed_m_s
         if flies:
+            # the return climbs to its height first, then descends from there
             height_m = max(pose.z_m - home.z_m, RETURN_HEIGHT_M)
             climb_m = max(RETURN_HEIGHT_M - (pose.z_m - home.z_m), 0.0)
             duration_s += climb_m / Takeoff(altitude_m=RETURN_HEIGHT_M).speed_m_s
