@@ -29,6 +29,7 @@ from swarmware.service.starting import (
     GUARD,
     WHOLE_NODE,
     clear_start_record,
+    is_started,
     launch,
     spawn_missing,
     start_record,
@@ -81,6 +82,9 @@ def main(words: list[str]) -> int:
     def guard() -> StartedProcess | None:
         return spawn_missing(GUARD, config_dir, run_dir)
 
+    def guard_is_elsewhere() -> bool:
+        return bool(shared) and is_started(GUARD, run_dir)
+
     try:
         listening = ParentSocket(run_dir)
     except SwarmError as error:
@@ -94,7 +98,8 @@ def main(words: list[str]) -> int:
             from swarmd.fork_server_supervisor import ForkServerSupervisor
 
             server = ForkServerSupervisor(services, run_dir)
-        return Parent(guard if shared else one, platform, listening, kept, RestartPolicy(), server).run()
+        start = guard if shared else one
+        return Parent(start, guard_is_elsewhere, platform, listening, kept, RestartPolicy(), server).run()
     finally:
         clear_start_record(name, run_dir)
         listening.close()
@@ -104,13 +109,15 @@ def main(words: list[str]) -> int:
 class Parent:
     """Keeps one process running until it ends without an error, or this process receives a signal to end.
 
-    `start` starts the process, or returns None if another process has started it already.
+    `start` starts the process, or returns None if another process has started it already, as `is_elsewhere`
+    reports: a daemon restarts a killed guard, too.
     `fork_server` supervises the fork server, if the node has one.
     """
 
     def __init__(
         self,
         start: Callable[[], StartedProcess | None],
+        is_elsewhere: Callable[[], bool],
         platform: str,
         socket: ParentSocket,
         kept: KeptFolders,
@@ -118,6 +125,7 @@ class Parent:
         fork_server: ForkServerSupervisor | None = None,
     ) -> None:
         self._start = start
+        self._is_elsewhere = is_elsewhere
         self._platform = platform
         self._socket = socket
         self._kept = kept
@@ -134,6 +142,8 @@ class Parent:
         self._was_ready = False
         self._leaving = False
         self._asked = False
+        self._adopt_until_ns = 0
+        """Instant until which a node that ends waits for a notification of a process to adopt and end."""
         self._due_ns: int | None = None
 
     def run(self) -> int:
@@ -218,13 +228,20 @@ class Parent:
         # a notification above may have replaced the process whose descriptor was polled
         if watched in ready and process is self._process:
             code = self._ended()
-            if code is not None:
+            if code is not None and not self._waits_to_adopt():
                 return code
         self._reap()
-        if self._asked and self._pid == 0:
+        if self._asked and self._pid == 0 and not self._waits_to_adopt():
             return 0
         self._on_time(time.monotonic_ns())
         return None
+
+    def _waits_to_adopt(self) -> bool:
+        """True while this node ends, and a process that a daemon has started would otherwise be left running.
+
+        The notifications of the process have its pid: it is adopted, and ended.
+        """
+        return self._asked and time.monotonic_ns() < self._adopt_until_ns and self._is_elsewhere()
 
     def _wait_s(self) -> float:
         """Time until the next deadline, in seconds."""
@@ -242,6 +259,7 @@ class Parent:
 
     def _on_signal(self, *_: object) -> None:
         self._asked = True
+        self._adopt_until_ns = time.monotonic_ns() + round(HUNG_S * _NS)
         self._above.stopping()
         self._signal(signal.SIGTERM)
 
@@ -250,13 +268,12 @@ class Parent:
             self._process.signal(number)  # an ended process is reported by the next poll
 
     def _on_notification(self, pid: int, fields: dict[str, str]) -> None:
-        if self._fork_server is not None:
-            if pid == self._fork_server.pid:
-                self._fork_server.on_ready()
-                self._on_fork_server()
-                return
-            if self._pid == 0:
-                self._follow(pid)
+        if self._fork_server is not None and pid == self._fork_server.pid:
+            self._fork_server.on_ready()
+            self._on_fork_server()
+            return
+        if self._pid == 0:
+            self._follow(pid)
         if pid != self._pid:
             return
         now_ns = self._beat_ns = time.monotonic_ns()
@@ -334,7 +351,7 @@ class Parent:
             and now_ns >= self._fork_server.due_ns
         ):
             self._begin_fork_server(self._fork_server)
-        if self._due_ns is not None and now_ns >= self._due_ns:
+        if self._due_ns is not None and now_ns >= self._due_ns and not self._asked:
             self._begin()
         elif self._ready and now_ns - self._beat_ns > HUNG_S * _NS:
             self._log(f"no heartbeat for {HUNG_S:g} s: pid {self._pid} is killed")

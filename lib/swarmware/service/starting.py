@@ -118,11 +118,16 @@ def spawn_missing(
     """
     fd = os.open(own_folder(run_dir, STARTING_DIR), os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
-        if not lock_within(fd, LOCK_WAIT_S) or starting_pid(name, run_dir) or _joined(name, run_dir):
+        if not lock_within(fd, LOCK_WAIT_S) or is_started(name, run_dir):
             return None
         return spawn(name, config_dir, run_dir)
     finally:
         os.close(fd)
+
+
+def is_started(name: str, run_dir: PathLike[str] | str) -> bool:
+    """Whether any process runs this service, or is being started for it."""
+    return bool(starting_pid(name, run_dir)) or _joined(name, run_dir)
 
 
 def _joined(name: str, run_dir: PathLike[str] | str) -> bool:

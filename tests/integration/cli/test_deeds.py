@@ -362,7 +362,10 @@ def test_a_mission_is_started_watched_and_aborted(lab: Lab, ctl: Ctl) -> None:
                 if states[-1]["state"]["active"] == ["takeoff"]:
                     break
             assert ctl("mission status --json").document["state"]["mission"] == "formation"
-            assert ctl("mission start formation --yes").code == 3, "one at a time"
+            waiting = ctl("mission start formation --yes --json").document
+            assert {one["accepted"] for one in waiting["orders"]} == {True}
+            assert all(one["waits"] for one in waiting["orders"]), "one at a time"
+            assert ctl(f"mission cancel {waiting['epoch']} --yes").code == 0
             reached = ctl("mission abort --then land --yes --json").document["reached"]
             assert sorted(reached) == ["gcs", "uav1", "uav2", "ugv1"]
             rest, err = started.communicate(timeout=PATIENCE_S)

@@ -133,6 +133,20 @@ async def test_everything_but_parent_killed_at_once_is_back(tmp_path: Path) -> N
         )
 
 
+async def test_guard_that_daemon_restarted_ends_with_parent(tmp_path: Path) -> None:
+    async with node(tmp_path) as (_, parent):
+        before = daemons(tmp_path)
+        parent.signal(signal.SIGSTOP)
+        os.kill(before["guard"], signal.SIGKILL)
+        await until(
+            lambda: (after := complete(tmp_path)) and after["guard"] != before["guard"], "another guard"
+        )
+        parent.signal(signal.SIGTERM)
+        parent.signal(signal.SIGCONT)
+        await until(lambda: parent.returncode is not None, "its end")
+        assert not daemons(tmp_path)
+
+
 async def fault_of_supervision(module: Module) -> str:
     """Phase of the fault of an unsupervised node, or "" without this fault or without an answer yet."""
     with suppress(NoAnswer):
