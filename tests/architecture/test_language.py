@@ -168,6 +168,7 @@ GRAMMAR: Final = {
     for pattern, instead in (
         (r"; (?:[Nn]one|[Ee]mpty|left out|[-−]?[01]|[Ff]alse|[Tt]rue): ", "or None if …"),
         (r"; (?:absent|null|negative): ", "or null if …, or a negative number if …"),
+        (r"; (?:None|[Ee]mpty) (?:if|when|without|where|before|while)\b", "or None if …"),
         (r"; whether\b", "returns True if …, and it is not known whether …"),
         (r"\b[Tt]h(?:at|ose) of\b", "the noun in place of the pronoun"),
         (r"\b[Oo]nes? that\b", "the noun in place of the pronoun"),
@@ -196,6 +197,8 @@ def test_a_line_of_prose_names_its_subject() -> None:
         ("Record; absent: not drained.", 1),
         ("Result; null: the motors are calibrated.", 1),
         ("Exit code; negative: the signal.", 1),
+        ("Fence in the map; None while the origin is not known.", 1),
+        ("Members; empty without keys.", 1),
         ("Set the patterns; whether they changed.", 1),
         ("Asked whether they changed.", 0),
         ("Stamp of the value, or None without a value.", 0),

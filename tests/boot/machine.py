@@ -36,7 +36,7 @@ class CannotBoot(Exception):
 
 
 def why_not() -> str:
-    """Why this host can boot no machine; empty when it may."""
+    """Why this host can boot no machine, or "" if it may."""
     if os.environ.get("SWARM_BOOT_TEST") != "1":
         return "boots a whole system: asked for by `make boot-test`"
     if os.getuid() != 0:

@@ -78,6 +78,7 @@ class JointConfirmation:
         self._effects.pop(node, None)
         if len(self._running) <= 1:
             self._last.set()
+        # The other nodes may all have asked already, and wait only for this one.
         self._ask()
 
     def fail(self, error: BaseException) -> None:
@@ -87,6 +88,7 @@ class JointConfirmation:
         self._last.set()
 
     def _ask(self) -> None:
+        # One question names the effects at all nodes, so it waits for the last node that may still ask.
         if self._answered.is_set() or not self._effects or self._running - self._effects.keys():
             return
         nodes: dict[str, list[str]] = {}

@@ -172,5 +172,6 @@ def raise_errors(asked: int, errors: Mapping[str, SwarmError]) -> None:
     if len(errors) < asked:
         raise Partial(text)
     if len(kinds) == 1:
+        # The exit code follows from the kind: scripts see the same one as after a command at one node.
         raise kinds.pop()(text)
     raise SwarmError(text)

@@ -79,6 +79,7 @@ def _span(
     of_type = f" ({span.type})" if span.type else ""
     words = [f"{platform}: {name}{of_type}, {span.start_s:.2f}–{span.end_s:.2f} s", ended, span.text]
     tip = ", ".join(word for word in words if word)
+    # A block of an instant would have no width: the least width keeps it visible.
     box = {
         "x": x1, "y": top + span.lane * height, "width": max(x2 - x1, 0.8), "height": height - 0.5,
         "class": f"block {kind}",

@@ -58,12 +58,15 @@ class MotorRequests:
                     timeout_s=self._wait_s,
                     urgent=True,
                 )
+                # The answer holds the state in which the device accepted the order, not yet the ordered one.
                 while state.armed != self._armed:
                     await self._observer.changed()
                     state = self._observer.snapshot(name).vehicle or state
         except TimeoutError:
             return self._seen(name, state, f"not confirmed by its state within {self._wait_s:g} s")
         except SwarmError as error:
+            # The error of a single vehicle keeps its own exit code; among several it becomes one row of the
+            # result.
             if len(self._chosen) == 1:
                 raise
             return self._seen(name, None, str(error), reached=not isinstance(error, NoAnswer))
