@@ -58,7 +58,7 @@ class MotorRequests:
                     timeout_s=self._wait_s,
                     urgent=True,
                 )
-                # The answer holds the state in which the device accepted the order, not yet the ordered one.
+                # The answer holds the state when the device accepted the order, which may be the former one.
                 while state.armed != self._armed:
                     await self._observer.changed()
                     state = self._observer.snapshot(name).vehicle or state
