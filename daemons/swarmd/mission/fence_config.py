@@ -39,7 +39,7 @@ class FenceConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """Distance from a limit within which a target is refused, and a vehicle counts as leaving."""
 
     def __post_init__(self) -> None:
-        """Check the shapes, and that they agree."""
+        """Check each shape, and that area, circle and heights agree."""
         names = ("polygon_m", "polygon_deg", "centre_m", "centre_deg")
         areas = [name for name in names if getattr(self, name)]
         if len(areas) > 1:
@@ -58,6 +58,7 @@ class FenceConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         _check_polygon("polygon_m", self.polygon_m)
         for index, (lat_deg, _) in enumerate(self.polygon_deg):
             _check_latitude(f"polygon_deg, corner {index + 1}", lat_deg)
+        # checked in the plane of degrees: the origin of the map is not known here
         _check_polygon("polygon_deg", _planar(self.polygon_deg))
         if self.centre_deg is not None:
             _check_latitude("centre_deg", self.centre_deg[0])

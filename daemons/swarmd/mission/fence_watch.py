@@ -40,7 +40,7 @@ class FenceWatch:
         self._board: BoardWriter[FenceState] = module.writer(
             "nav/fence", FenceState, log="1hz", description="Geofence, and where the vehicle is to it"
         )
-        if config is None:
+        if config is None:  # written once, so that readers distinguish it from an absent daemon
             self._board.write(FenceState(False))
 
     async def run(self, config: FenceConfig) -> None:
@@ -79,7 +79,7 @@ class FenceWatch:
         )
 
     def _placed(self, config: FenceConfig) -> Geofence | None:
-        """The fence in the map; None while the origin of the map is not known."""
+        """The fence in the map, or None while the origin of the map is not known."""
         if needs_origin(config) and (origin := self._origins.value) is not None and origin != self._origin:
             self._origin = origin
             local_map = LocalMap(
@@ -99,7 +99,7 @@ class FenceWatch:
         goal = self._goal.value
         return fence.state(
             pose,
-            landed=vehicle is None or vehicle.landed,
+            landed=vehicle is None or vehicle.landed,  # an unknown vehicle has no lowest height
             landing=goal is not None and goal.kind is GoalKind.LAND,
         )
 

@@ -28,7 +28,7 @@ log = logging.getLogger("swarm.mission")
 ARMED_NS: Final = 250_000_000
 """Period of evaluating the rows while the vehicle is armed."""
 REST_NS: Final = 1_000_000_000
-"""The same while it is disarmed, and period of what changes slowly."""
+"""Period of evaluating the rows while it is disarmed, and of estimates that change slowly."""
 
 
 class ReactionWatch:
@@ -66,6 +66,7 @@ class ReactionWatch:
         self._station: bool | None = None
         """Whether a ground station is in reach, or None before the first contact with a station."""
         self._restarted = vehicle.armed
+        """True if the vehicle was armed when this daemon began, until it is disarmed."""
         self._watch_board = module.writer(
             "mission/watch", MissionWatch, log="all", description="Observations of the mission daemon"
         )
@@ -95,11 +96,13 @@ class ReactionWatch:
 
     def on_stations(self, reached: bool) -> None:
         """Takes whether a ground station is in reach now."""
+        # a vehicle that never had a station has not lost one: the row of a lost link must not act
         if reached or self._station is not None:
             self._station = reached
 
     async def run(self) -> None:
         """Evaluates the rows until cancelled."""
+        # it reads all templates, for which the event loop should not wait
         await asyncio.to_thread(self._check_rows)
         while True:
             self._look()
@@ -117,6 +120,7 @@ class ReactionWatch:
             for text in filter(None, (row.when, row.possible)):
                 for problem in known.examine(parse(text)):
                     if problem.severity == "error":
+                        # noted, not refused: an error in one row must not take the other reactions
                         self._notes[row.name] = problem.message
                         log.error("reaction %s can never act: %s", row.name, problem.message)
 
@@ -161,7 +165,7 @@ class ReactionWatch:
         self._feed([ProgressStep(f"@{state.row}", "Reaction", event, text)])
 
     def _watch(self) -> None:
-        """Publishes what this daemon observes itself."""
+        """Publishes the observations of this daemon: stations in reach, and its own restart in flight."""
         self._restarted = self._restarted and self._vehicle.armed
         watched = MissionWatch(self._station, self._restarted)
         if watched != self._watched:

@@ -1,4 +1,4 @@
-"""What operators do with runs that were accepted: list, abort, cancel, change the priority."""
+"""Instructions of operators about accepted runs: list, abort, cancel, change the priority."""
 
 import asyncio
 import logging
@@ -26,7 +26,7 @@ log = logging.getLogger("swarm.mission")
 
 
 class RunControl:
-    """Passes instructions about runs on to the members, and carries out those that arrive here."""
+    """Passes instructions about runs on to the members, and carries out received instructions."""
 
     def __init__(
         self,
@@ -37,7 +37,7 @@ class RunControl:
         feed: Callable[[list[Action]], None],
         check: Callable[[str], None],
     ) -> None:
-        """`states`: of this platform and all that are present.
+        """`states`: returns the mission states of this platform and of all present platforms.
 
         `check`: raises Conflict for a built-in mission that a reaction forbids.
         """
@@ -72,7 +72,7 @@ class RunControl:
         )
 
     async def run(self) -> None:
-        """Carry out what arrives until cancelled."""
+        """Carry out received instructions until cancelled."""
         async with asyncio.TaskGroup() as group:
             group.create_task(self._take_aborts(), name="mission:aborts")
             group.create_task(self._take_priorities(), name="mission:priorities")
@@ -88,6 +88,7 @@ class RunControl:
             ordered = tuple(name for name, one in states.items() if one.state not in INACTIVE or one.kept)
             if self._core.phase not in INACTIVE:
                 ordered = tuple(member.platform for member in self._core.members)
+            # as far as known here nothing runs; a state may be lost, so all platforms are instructed
             ordered = ordered or tuple(states)
         silent = await self._dispatcher.send_all(ABORT_PATH, ordered, order, meta.sender)
         return AbortAnswer(tuple(name for name in ordered if name not in silent), silent)
@@ -108,6 +109,7 @@ class RunControl:
             for name, one in states.items()
             if epoch in one.kept or (one.epoch == epoch and one.state not in INACTIVE)
         )
+        # members of a run that was just ordered have not reported it yet
         found = self._dispatcher.just_ordered(epoch) or found
         if not found:
             known = sorted({epoch for one in states.values() for epoch in (*one.kept, one.epoch) if epoch})
@@ -120,7 +122,7 @@ class RunControl:
     async def _take_aborts(self) -> None:
         async for order in self._aborts:
             if order.epoch and not self._core.keeps(order.epoch):
-                continue
+                continue  # the run has ended here: nothing may stop in its place
             log.warning("abort: %s", order.reason)
             try:
                 if order.then:

@@ -267,8 +267,7 @@ class Mission(Service):
         asyncio.get_running_loop().call_soon(self._taken, run.epoch)
 
     def _taken(self, epoch: int) -> None:
-        """Evaluates states of this run that other members published before this platform accepted its
-        order."""
+        """Evaluates states of this run that members published before this platform accepted the order."""
         self._member_states.take_news()
         if platforms := self._census.in_run(epoch):
             self._take_states(platforms)
@@ -290,8 +289,9 @@ class Mission(Service):
         return [Platform(name, state.kind) for name, state in states.items() if not state.drained_by]
 
     def _instructed_ns(self, meta: Meta) -> int:
-        """When the instruction was given at this platform, or arrived from another one."""
+        """Instant at which the instruction was given at this platform, or arrived from another one."""
         now_ns = self.module.now_ns()
+        # a stamp of another computer is on the clock of that computer
         return min(meta.stamp_ns, now_ns) if meta.sender_hw == self.module.node.hardware else now_ns
 
     def _on_manoeuvre(self, request: ManoeuvreRequest, meta: Meta) -> MissionStatus:
@@ -394,6 +394,7 @@ class Mission(Service):
     def _take_routes(self) -> None:
         """Takes the platforms that are in reach now."""
         routes, now_ns, stations = self._routes.value, self.module.now_ns(), 0
+        # an old table is of a link daemon that stopped: no platform counts as reached by it
         if routes is not None and (self._routes.age_s or 0.0) < self.config.lost_after_s:
             for route in routes.routes:
                 self._core.on_alive(route.platform, now_ns)
@@ -442,7 +443,7 @@ class Mission(Service):
                 if self._vehicle is not None:
                     self.module.start(self._take_vehicle(self._vehicle, ordered), "take the vehicle")
             case Announce(state):
-                if state.state not in INACTIVE:
+                if state.state not in INACTIVE:  # barriers need the states of the others without delay
                     self._member_states.on_mission()
                 self._state.write(self._own(state))
 
@@ -454,7 +455,7 @@ class Mission(Service):
         return self._own(self._core.state())
 
     def _own(self, state: MissionState) -> MissionState:
-        """A state of the core with what is known of this platform."""
+        """A state of the core, completed by the kind of this platform and by its drain."""
         return msgspec.structs.replace(state, kind=self._kind, drained_by=self._drain.by)
 
     def _present(self) -> dict[str, MissionState]:
@@ -465,6 +466,7 @@ class Mission(Service):
         self._member_states.take_news()
         roster = self._roster.value
         members = () if roster is None else roster.members
+        # a revoked member is not missed: its datagrams are no longer accepted
         self._census.roster = frozenset(each.platform for each in members if not each.revoked)
         absent = self._census.absent(self.module.now_ns())
         if self._drain.by:

@@ -97,7 +97,7 @@ class VehicleClient:
 
     @property
     def last_pose(self) -> Pose | None:
-        """The position as last received, or None before the first."""
+        """The position as last received, or None before the first position."""
         return self._pose.value
 
     @property
@@ -224,11 +224,12 @@ class VehicleClient:
             now_ns = self._module.now_ns()
             if status.goal_seq > seq:
                 raise BlockError("blocked", f"another goal ({status.goal_seq}) has replaced {seq}")
-            if status.goal_seq < seq:
+            if status.goal_seq < seq:  # a status before the new goal does not extend the time-out
                 wait_s = max(0.0, self._config.navigator_timeout_s - (now_ns - received_ns) / 1e9)
                 continue
             received_ns, wait_s = now_ns, self._config.navigator_timeout_s
             if self.held:
+                # a person may drive for any time: the motion continues afterwards, without an error
                 timeouts.reset()
                 there_ns = None
                 continue

@@ -69,7 +69,7 @@ def check_text(
         findings += _conditions(mission, text, file, players, binding.id)
     if mission is not None and not any(finding.rule in _GRAPH_RULES for finding in findings):
         remarks = soundness.check(mission, budget, flies=PlatformKind.UAV in players)
-        if remarks:
+        if remarks:  # only findings need lines, for which the file is parsed again
             source = parse_source(text, file)
             for remark in remarks:
                 pointer = mission.blocks[remark.block].pointer
@@ -104,7 +104,7 @@ def check_folder(
     folder: Folder, catalogue: Catalogue | None = None, budget: Budget | None = None
 ) -> list[Finding]:
     """Checks the mission of a whole ensemble: each role by itself, then all together."""
-    budget = budget or Budget()
+    budget = budget or Budget()  # one for all roles, which limits the time of the whole check
     manifest = ManifestPlaces(folder)
     findings: list[Finding] = [*manifest.references(), *manifest.reactions()]
     roles: list[EnsembleRole] = []
@@ -127,6 +127,7 @@ def check_folder(
     findings += manifest.unused(used)
     # a parameter of all roles has one finding, not one for each role
     findings = list(dict.fromkeys(findings))
+    # an error in one role would appear again as a meeting that never takes place
     if sound(findings):
         findings += check_meetings(roles, budget)
     return findings

@@ -74,6 +74,7 @@ class _Head(msgspec.Struct):
 def priority_of(text: str) -> int:
     """Priority in the text of a checked mission; a parameter counts as 0."""
     try:
+        # the head alone: the whole mission was checked, and its sender needs nothing else of it
         return msgspec.json.decode(text, type=_Head, strict=False).priority
     except msgspec.DecodeError:
         return 0
@@ -166,7 +167,7 @@ class _Loader:
             if _sort(given) != _sort(value):
                 message = f"parameter {name!r} was given {given!r}: expected {_sort(value)}, as its default"
                 self._report(pointer, "param-type", message)
-                given = value
+                given = value  # the default: later parts are then checked with a possible value
             found[name] = given
         return found
 
@@ -223,7 +224,7 @@ class _Loader:
         value = number_of(top.get(key, default))
         whole = key == "priority"
         if isinstance(value, bool) or not isinstance(value, int if whole else int | float):
-            value = low - 1
+            value = low - 1  # a value of another type is refused like one out of range
         if not low <= value <= high:
             kind = "a whole number" if whole else "a number"
             self._report(f"/{key}", key, f"{top[key]!r}: expected {kind} from {low:g} to {high:g}")

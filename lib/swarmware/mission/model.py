@@ -49,7 +49,7 @@ class Block(msgspec.Struct, frozen=True):
     """Time-out of the block, or None without one."""
     pointer: str
     resume: Resume = "restart"
-    """How it continues after its mission was suspended."""
+    """Way in which the block continues after its mission was suspended."""
 
     @property
     def type(self) -> str:
@@ -57,11 +57,9 @@ class Block(msgspec.Struct, frozen=True):
         return self.spec.name
 
     def successor(self, outcome: BlockOutcome) -> str | None:
-        """Successor for this outcome: the exact one, else the general error successor, else none.
-
-        It never falls through to `next`.
-        """
+        """Successor for this outcome, else the general error successor, else None."""
         targets = {edge.outcome: edge.target for edge in self.edges}
+        # `next` is for success alone: an error without a successor fails the mission
         if outcome in targets or outcome.kind is not OutcomeKind.ERROR:
             return targets.get(outcome)
         return targets.get(ANY_ERROR)
@@ -91,8 +89,8 @@ class MissionDefinition(msgspec.Struct, frozen=True, dict=True):
 
     @cached_property
     def resources(self) -> frozenset[str]:
-        """Paths of the resources in its conditions, determined once: an order is accepted while others wait
-        for the processor."""
+        """Paths of the resources in the conditions of the mission."""
+        # cached: an order is accepted while other processes wait for the processor
         conditions = [*self.requires]
         for block in self.blocks.values():
             conditions += [edge.condition for edge in block.edges if edge.condition]
@@ -109,6 +107,7 @@ def content_hash(*parts: str) -> str:
     state = blake2b(digest_size=16)
     for part in parts:
         data = part.encode()
+        # without lengths, ("ab", "c") and ("a", "bc") would have the same hash
         state.update(len(data).to_bytes(8, "little"))
         state.update(data)
     return state.hexdigest()

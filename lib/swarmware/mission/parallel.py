@@ -71,6 +71,7 @@ def _branches(net: Net, gates: Gates) -> dict[tuple[str, ...], _ParallelBranch]:
     heads = {place: None for t in net.transitions if len(t.outputs) > 1 for place in t.outputs}
     for head in heads:
         branch = lines.branch(head)
+        # a barrier that the role has twice is visited in an order, which one branch cannot represent
         if branch is not None and all(uses[barrier] == 1 for barrier in branch.barriers):
             found[branch.barriers] = branch
     return found
@@ -133,7 +134,7 @@ def _without(net: Net, branches: list[_ParallelBranch]) -> Net:
     """The net without these branches."""
     gone = {place for branch in branches for place in branch.places}
     if not gone:
-        return net
+        return net  # most nets have no branches that are alike
     transitions = [
         msgspec.structs.replace(
             transition,

@@ -66,7 +66,7 @@ class BlockVehicle(Protocol):
 
 
 class BlockContext(Protocol):
-    """Interface that a running block gets."""
+    """Interface of the mission daemon to a running block."""
 
     @property
     def module(self) -> Any:
@@ -88,7 +88,7 @@ class BlockContext(Protocol):
 
     @property
     def params(self) -> Any:
-        """Its parameters, an instance of `spec.params`."""
+        """Parameters of the block, an instance of `spec.params`."""
         ...
 
     def report(self, ratio: float, text: str) -> None:

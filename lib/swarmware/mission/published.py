@@ -22,7 +22,7 @@ class PublishedType(msgspec.Struct, frozen=True):
     preset: dict[str, Any] = {}
     """Parameters that no key gives."""
     instead: str = ""
-    """What to do instead, of a type without a counterpart."""
+    """Advice to the author of a mission with a type without a counterpart."""
 
 
 _NODE: Final = (("nodename", "service"), ("node", "service"))
@@ -72,8 +72,8 @@ _WORD_END: Final = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 
 
 def _path(value: str) -> Any:
-    """A path for a name of ROS, without the slash, which names another platform: `/log/startAll` is
-    `log/start_all`."""
+    """A path for a name of ROS: `/log/startAll` is `log/start_all`."""
+    # here a leading slash names another platform
     return _WORD_END.sub("_", value.removeprefix("/")).lower()
 
 
@@ -107,7 +107,7 @@ def converted(published: PublishedType, body: dict[str, Any]) -> dict[str, tuple
         if key not in body or (name in found and body[key] == ""):
             continue
         if name in found and found[name][1] != "":
-            continue
+            continue  # an earlier key has given the parameter
         value = body[key]
         found[name] = (key, _CONVERT[name](value) if isinstance(value, str) and name in _CONVERT else value)
     return found

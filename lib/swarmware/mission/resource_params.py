@@ -31,6 +31,7 @@ def check_own_fields(text: str, key: str, of: str) -> None:
     `of`: the value, for the error.
     Raises: InvalidInput, MissionError.
     """
+    # a condition on one value is decided when that value arrives: others would be of another instant
     if text and (others := parse_condition(text, VALUE).resources() - {VALUE}):
         raise InvalidInput(f"{key}: {min(others)!r}: expected fields of the value of {of} only")
 

@@ -97,12 +97,12 @@ class Vocabulary:
         self.add("", resources)
 
     def add(self, kind: str, resources: Iterable[Resource]) -> None:
-        """Adds the resources of a template for this kind of platform; "": for every kind."""
+        """Adds the resources of a template for one kind of platform, or for every kind if `kind` is ""."""
         for resource in resources:
             self._known.setdefault(resource.path, {})[kind] = resource
 
     def check(self, mission: MissionDefinition, kinds: Iterable[str] = (), own: str = "") -> list[Problem]:
-        """Errors and warnings of conditions, for platforms of these kinds (empty: of any).
+        """Errors and warnings of conditions, for platforms of these kinds, or of any kind for ().
 
         `own`: the name of the platform itself, whose resources a path may name, too.
         """
@@ -119,7 +119,7 @@ class Vocabulary:
         for block in mission.blocks.values():
             if (params := sought(block.params)) is not None:
                 found += self._sensors(block.pointer, params, readers, players)
-        return list(dict.fromkeys(found))
+        return list(dict.fromkeys(found))  # each kind of platform reports a common error once more
 
     def _sensors(
         self,
@@ -156,6 +156,7 @@ class Vocabulary:
         conditions = [parse(params.until, path) for path in meant]
         for reader in readers:
             found = [list(reader.problems(f"{pointer}/until", condition)) for condition in conditions]
+            # the vehicle chooses the sensor: it suffices that the condition suits one of them
             if all(found):
                 yield from found[0]
 
@@ -271,6 +272,7 @@ class _TemplateReader:
         """A resource that a platform of some of the kinds does not have."""
         lacking = [] if "" in having else [kind for kind in self._kinds if kind not in having]
         if lacking:
+            # a role that several kinds may play is refused only if none of them has the resource
             severity: Severity = "error" if len(lacking) == len(self._kinds) else "warning"
             has, want = " or ".join(sorted(having)), " or ".join(lacking)
             yield node.at, severity, f"resource {node.path!r} belongs to a {has}: no {want} has it"
@@ -280,6 +282,7 @@ class _TemplateReader:
         plain = len(fields) == 1
         found: Any = msgspec.inspect.type_info(cls)
         name = node.path
+        # a condition may leave out the only field of a type
         if plain and (not node.field or node.field.startswith("[")):
             found = present(next(iter(fields.values())))
         elif not node.field:
@@ -336,6 +339,7 @@ def _literal(value: FieldType, literal: Literal, at: int) -> Iterator[_Statement
             yield at, "error", f"{value.name} is not a ratio: expected a number without %"
         elif value.span and not value.span[0] <= literal.value <= value.span[1]:
             low, high = value.span
+            # a typical mistake: `battery > 20` for a ratio
             hint = f", or {literal.value:g} %" if share and 1 < literal.value <= 100 else ""
             yield at, "error", f"{value.name} is never {literal.value:g}: expected {low:g} to {high:g}{hint}"
 

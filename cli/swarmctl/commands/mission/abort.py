@@ -31,6 +31,7 @@ async def abort(
     """
     node = session.settings.node
     some = node not in {"", EVERY} and not (names_one(node) and await is_station(session, node))
+    # a ground station named by -n is only the way to the swarm: then all members are meant
     if platforms or some:
         chosen = await choose(session, platforms)
         what = f"abort the mission at {', '.join(chosen)} only, then {then}; where others wait for it"

@@ -39,7 +39,7 @@ class ActiveMission(msgspec.Struct, frozen=True):
     kinds: dict[str, PlatformKind]
     """Kinds of the members, as far as known."""
     plays: bool
-    """Whether it has not ended at every member."""
+    """True unless the run has ended at every member."""
     ordered_by: str = ""
     """User that started the mission, as `user@platform` by its members, or "" if none answered."""
 
@@ -67,7 +67,9 @@ async def find_active(session: Session) -> ActiveMission:
     if not runs:
         raise NotFound(f"{session.here}: no mission was started; expected one")
     playing = {state.epoch for state in states.values() if state.epoch and state.state not in INACTIVE}
+    # a later run has a greater epoch, unless the number wrapped, as it does every 50 days
     epoch = max(playing or runs)
+    # boards carry neither the members nor the sender of the order
     asked = [name for name, state in states.items() if state.epoch == epoch]
     answers, _ = await ask_all(session, asked, "sys/mission/status", Empty(), MissionStatus)
     return _ensemble(epoch, states, [answer for answer in answers.values() if answer.state.epoch == epoch])
@@ -108,7 +110,7 @@ async def follow(session: Session, epoch: int, members: tuple[str, ...]) -> None
     """Shows the states of the members in this run until it has ended at all of them.
 
     On a terminal each member has one line, which is redrawn; elsewhere each change is a line with its time.
-    Raises: SwarmError when it was unsuccessful at a member, Partial when states of one are missing.
+    Raises: SwarmError when it was unsuccessful at a member, Partial when a member sent no state.
     """
     others = session.module.readers("/*/mission/state", MissionState)
     own = session.module.reader("mission/state", MissionState)
@@ -150,6 +152,7 @@ async def follow(session: Session, epoch: int, members: tuple[str, ...]) -> None
             session.out.redraw(table, last=over)
         if over:
             break
+        # at least once a second, to notice silence and to redraw the times
         await first_of(own.changed(), others.changed(), timeout_s=1.0)
     _raise_unsuccessful(shown, ended_by, silent)
 
@@ -158,6 +161,7 @@ def _raise_unsuccessful(shown: dict[str, MissionState], ended_by: set[str], sile
     bad = sorted(
         (platform for platform in ended_by if shown[platform].state in UNSUCCESSFUL), key=names.natural
     )
+    # first, because a silent member may have failed as well
     if silent:
         raise Partial(f"mission: {', '.join(sorted(silent, key=names.natural))} sent no state before its end")
     if bad:

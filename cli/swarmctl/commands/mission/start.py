@@ -25,7 +25,7 @@ async def start(
 
     Raises: Partial when a platform refused or did not answer; with `watch` as `follow`.
     """
-    if members:
+    if members:  # patterns are resolved here, so that the operator confirms names
         task = msgspec.structs.replace(task, members=tuple(await _members(session, members)))
     wait_s = max(session.settings.timeout_s, ANSWER_S)
     plan = await session.ask("sys/mission/plan", task, MissionPlan, timeout_s=wait_s)

@@ -79,7 +79,7 @@ def _show(session: Session, found: MissionStatus) -> None:
 
 
 def _remark(state: MissionState) -> str:
-    """What the platform says about itself, and who keeps it from its mission."""
+    """Remark about a platform: its driver, its own text, or the operator who drained it."""
     if state.held_by:
         return f"held: driven by {state.held_by}"
     return state.text or (f"drained by {state.drained_by}" if state.drained_by else "")

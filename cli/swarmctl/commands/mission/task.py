@@ -21,7 +21,7 @@ class MissionVerdict(msgspec.Struct, frozen=True):
     """Result of the check of one mission."""
 
     source: str
-    """As it was given."""
+    """Text by which the operator gave the mission."""
     sound: bool
     findings: list[Finding]
     mission: str = ""
@@ -31,7 +31,7 @@ class MissionVerdict(msgspec.Struct, frozen=True):
 def locate(name: str) -> Path:
     """The file or folder at this path, else the shipped mission of this name.
 
-    Raises: NotFound naming the shipped ones.
+    Raises: NotFound with the names of the shipped missions.
     """
     path = Path(name)
     if path.exists():
@@ -70,6 +70,7 @@ def task(
     Raises: NotFound, ConfigError, InvalidInput for a parameter that is not NAME=VALUE.
     """
     where = locate(mission)
+    # by content: the ground station may have another version, or none, of the same name
     files = tuple(read_files(where))
     single = where.is_file() and len(files) == 1
     name = "" if single else (where if where.is_dir() else where.parent).resolve().name
