@@ -71,6 +71,7 @@ DOCUMENTS: Final = {
     "mission start": "swarmware.types.mission:TaskAnswer",
     "mission status": "swarmware.types.mission:MissionStatus",
     "mission queue": "swarmware.types.mission:MissionQueue",
+    "mission answer": "swarmctl.commands.mission.answering:MissionAnswer",
     "mission cancel": "swarmware.types.mission:AbortAnswer",
     "mission prioritize": "swarmware.types.mission:AbortAnswer",
     "mission watch": "swarmctl.commands.mission.members:MemberState",

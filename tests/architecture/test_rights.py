@@ -69,6 +69,7 @@ SERVED = {
     "sys/health/clear": OPERATOR,
     "sys/health/register": OPERATOR,
     "sys/mission/abort": OPERATOR,
+    "sys/mission/answer": OPERATOR,
     "sys/mission/prioritize": OPERATOR,
     "cmd/priority": OPERATOR,
     "sys/mission/drain": OPERATOR,

@@ -81,7 +81,7 @@ NOT_MEASURED: Final = {
     " tree rule, tree load, pub,"
     " traffic clear, traffic set, traffic undo,"
     " video start, video rate, video stop, mission start, mission abort, mission cancel,"
-    " mission prioritize, takeoff, goto, drive,"
+    " mission prioritize, mission answer, takeoff, goto, drive,"
     " hold, land, return, arm, disarm, kill, health clear,"
     " hal calibrate,"
     " config set, config undo, config load, keys init, keys join, keys invite, keys revoke, keys rotate,"

@@ -8,6 +8,7 @@ from functools import partial
 from swarmd.mission.blocks.context import Context
 from swarmd.mission.blocks.plugins import Plugins
 from swarmd.mission.core.run import StartBlock
+from swarmd.mission.questions import Questions
 from swarmd.mission.vehicle import VehicleClient
 from swarmware.mission.outcome import CANCELLED, CRASHED, SUCCESS, BlockOutcome, OutcomeKind
 from swarmware.mission.plugin import BlockError
@@ -31,13 +32,19 @@ class BlockRunner:
         self._plugins = plugins
         self._ended = ended
         self._report = report
+        self._questions = Questions(module)
         self._tasks: dict[int, asyncio.Task[None]] = {}
 
     def start(self, action: StartBlock) -> None:
         """Start the task of a block."""
         block = action.block
         context = Context(
-            self._module, self._vehicle, block.id, block.params, partial(self._report, action.token)
+            self._module,
+            self._vehicle,
+            block.id,
+            block.params,
+            partial(self._report, action.token),
+            self._questions,
         )
         work = self._plugins.make(block.type)
         task = asyncio.get_running_loop().create_task(work.run(context), name=f"block:{block.id}")

@@ -13,6 +13,7 @@ from swarmware.mission.resource_params import (
     ModuleService,
     Request,
     SetResource,
+    UserBreakpoint,
     WaitForResource,
     check_own_fields,
 )
@@ -236,6 +237,7 @@ class BlockName(StrEnum):
     SET_RESOURCE = "SetResource"
     START_MODULE = "StartModule"
     STOP_MODULE = "StopModule"
+    USER_BREAKPOINT = "UserBreakpoint"
 
 
 class BlockType(msgspec.Struct, frozen=True):
@@ -461,6 +463,13 @@ BLOCKS: Final = (
         ModuleService,
         timeout_s=30.0,
         errors=_ASKED,
+    ),
+    BlockType(
+        BlockName.USER_BREAKPOINT,
+        "Waits for the answer of an operator.",
+        UserBreakpoint,
+        timeout_s=5.0,
+        errors=("stopped",),
     ),
 )
 """Definitions of the built-in blocks."""

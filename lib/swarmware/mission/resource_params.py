@@ -1,6 +1,6 @@
 """Parameters of blocks that use resources and services of the platform, and the base of all parameters."""
 
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, Literal
 
 import msgspec
 
@@ -93,6 +93,22 @@ class ModuleService(Params, frozen=True):
 
     service: ServiceName
     """Name of the service, as its guard has it."""
+
+
+class UserBreakpoint(Params, frozen=True):
+    """Wait for the answer of an operator."""
+
+    question: Annotated[str, msgspec.Meta(min_length=1, max_length=200)]
+    """Question to the operator: `Ready for the launch?`."""
+    wait_s: Annotated[float, msgspec.Meta(gt=0, le=86_400)] = 600.0
+    """Time for the answer."""
+    unanswered: Literal["continue", "stop"] = "stop"
+    """What follows without an answer: `continue` completes the block, `stop` ends it with an error."""
+
+    @property
+    def lasts_s(self) -> float:
+        """Time for the answer."""
+        return self.wait_s
 
 
 def _check_single(path: str) -> None:

@@ -212,6 +212,16 @@ class PriorityChange(msgspec.Struct, frozen=True, array_like=True, gc=False):
 
 
 @register
+class BreakpointAnswer(msgspec.Struct, frozen=True, array_like=True, gc=False):
+    """Answer of the operator to the question of a UserBreakpoint (`sys/mission/answer`)."""
+
+    proceed: bool
+    """Whether the mission continues; false ends the block with the error `stopped`."""
+    block: str = ""
+    """Name of the block, or "" if a single block asks."""
+
+
+@register
 class QueuedMission(msgspec.Struct, frozen=True):
     """A run in the queue of a platform."""
 

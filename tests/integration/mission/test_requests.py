@@ -5,9 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import pytest
 from tests.integration.mission.swarm import TASK, Swarm, on_uvloop, swarm
+from tests.patience import PATIENCE_S
 
-from swarmware.errors import Denied
+from swarmware.errors import Denied, NotFound
 from swarmware.module.meta import Meta
 from swarmware.types.health import (
     GuardStatus,
@@ -17,7 +19,14 @@ from swarmware.types.health import (
     SupervisorKind,
     WatchedService,
 )
-from swarmware.types.mission import MissionFile, MissionStatus, MissionTask, TaskAnswer
+from swarmware.types.mission import (
+    BreakpointAnswer,
+    MissionFile,
+    MissionState,
+    MissionStatus,
+    MissionTask,
+    TaskAnswer,
+)
 from swarmware.types.registry import register
 from swarmware.types.rpc import Empty
 from swarmware.types.tree import TreeSet, TreeSetDone
@@ -179,3 +188,41 @@ async def test_services_are_started_and_stopped_by_guard(tmp_path: Path) -> None
         assert await play(s, {**stop, "service": "camera"}) == "done: done"
         assert stubs.states == {"camera": ServiceState.STOPPED}
         assert "error:refused" in await play(s, {**stop, "service": "broker"})
+        # an armed vehicle keeps the services with which it moves
+        stubs.states["navigator"] = ServiceState.RUNNING
+        armed = await play(s, {"type": "Arm"}, {**stop, "service": "navigator"})
+        assert "expected a disarmed vehicle" in armed
+        assert stubs.states["navigator"] == ServiceState.RUNNING
+
+
+async def asking(s: Swarm, question: str) -> None:
+    """Waits until the state of the vehicle's mission shows the question."""
+    states = s.operator.reader("/uav1/mission/state", MissionState)
+    async with asyncio.timeout(PATIENCE_S):
+        while (state := states.value) is None or question not in state.text:
+            await states.changed()
+
+
+@on_uvloop
+async def test_breakpoint_waits_for_answer_of_operator(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "gcs", "uav1") as s:
+        asks = {"type": "UserBreakpoint"}
+        path = "/uav1/sys/mission/answer"
+        with pytest.raises(NotFound, match="no block waits"):
+            await s.ask(path, BreakpointAnswer(True), Empty)
+        for proceed, end in ((True, "done: done"), (False, "error:stopped")):
+            question = f"Ready for {end}?"
+            playing = asyncio.create_task(play(s, {**asks, "question": question}))
+            await asking(s, f"{question} (mission answer uav1)")
+            with pytest.raises(NotFound, match="expected one of b1"):
+                await s.ask(path, BreakpointAnswer(True, "b9"), Empty)
+            await s.ask(path, BreakpointAnswer(proceed), Empty)
+            assert end in await playing
+
+
+@on_uvloop
+async def test_breakpoint_without_answer_follows_the_mission(tmp_path: Path) -> None:
+    async with swarm(tmp_path, "gcs", "uav1") as s:
+        asks = {"type": "UserBreakpoint", "question": "Ready?", "wait_s": 0.1}
+        assert await play(s, {**asks, "unanswered": "continue"}) == "done: done"
+        assert "error:stopped: Ready? no answer within 0.1 s" in await play(s, asks)

@@ -4,7 +4,7 @@ import click
 
 from swarmctl.commandline import completion
 from swarmctl.commandline.lazy import Group
-from swarmctl.commandline.parameters import PLATFORM, nodes_argument
+from swarmctl.commandline.parameters import PLATFORM, at_nodes, nodes_argument
 from swarmctl.commandline.settings import Nodes, settings
 
 PRIORITIES = (0, 99)
@@ -149,6 +149,22 @@ def prioritize(ctx: click.Context, run_id: int, priority: int) -> None:
     from swarmctl.session.session import run
 
     run(settings(ctx), queueing.prioritize, run_id, priority)
+
+
+@cmd.command()
+@nodes_argument()
+@click.option("--stop", is_flag=True, help="End the block with the error `stopped`.")
+@click.option("--block", default="", help="Block that asks, where several blocks of a platform ask.")
+@click.pass_context
+def answer(ctx: click.Context, platforms: tuple[str, ...], stop: bool, block: str) -> None:
+    """Continue a mission that waits for the operator at a UserBreakpoint, at one or several platforms.
+
+    Example: swarmctl mission answer uav1
+    """
+    from swarmctl.commands.mission.answering import answer as answering
+    from swarmctl.session.each_node import run_each
+
+    run_each(at_nodes(ctx, platforms), answering, block, proceed=not stop)
 
 
 @cmd.command()

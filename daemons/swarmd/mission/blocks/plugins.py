@@ -20,6 +20,7 @@ from swarmd.mission.blocks.requests import (
     SetResourceBlock,
     StartModuleBlock,
     StopModuleBlock,
+    UserBreakpointBlock,
 )
 from swarmd.mission.blocks.sensor import WaitForResourceBlock, WaitForSensorBlock
 from swarmware.mission.installed import InstalledBlocks, installed_blocks
@@ -43,6 +44,7 @@ BUILT_IN: Final[tuple[type, ...]] = (
     SetResourceBlock,
     StartModuleBlock,
     StopModuleBlock,
+    UserBreakpointBlock,
 )
 
 

@@ -1,5 +1,6 @@
-"""Blocks that ask other modules: requests to commands, values of resources, services of the platform."""
+"""Blocks that ask modules or the operator: requests, values of resources, services, breakpoints."""
 
+import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Final, NamedTuple
@@ -23,6 +24,10 @@ from swarmware.types.rpc import Empty
 from swarmware.types.tree import TreeList, TreeListing, TreeSet, TreeSetDone, TypeRequest
 from swarmware.types.typed_value import value_of
 
+NEEDED_ARMED: Final = frozenset(
+    {"control", "hal", "lidar", "mission", "navigator", "sim", "timesync", "tree"}
+)
+"""Services without which an armed vehicle does not move safely, beside guard and broker."""
 PERIOD_S: Final = 0.2
 """Period of the question whether a service has started or ended."""
 
@@ -87,9 +92,32 @@ class StopModuleBlock:
     async def run(self, context: Context) -> None:
         """Ends when the service has ended."""
         params: resource_params.ModuleService = context.params
+        if params.service in NEEDED_ARMED and context.is_armed:
+            raise BlockError(
+                "refused", f"the armed vehicle flies with {params.service}; expected it disarmed"
+            )
         context.report(0.0, f"stops {params.service}")
         async with errors_of_block():
             await until_state(context.module, StopOrder(params.service), ServiceState.STOPPED)
+
+
+class UserBreakpointBlock:
+    """Asks the operator, and waits for the answer."""
+
+    spec = spec("UserBreakpoint")
+
+    async def run(self, context: Context) -> None:
+        """Ends when the operator lets the mission continue, or after the time as the mission says."""
+        params: resource_params.UserBreakpoint = context.params
+        context.report(0.0, f"{params.question} (mission answer {context.module.platform})")
+        try:
+            async with asyncio.timeout(params.wait_s):
+                proceeds, text = await context.questions.ask(context.block_id), "the operator has answered"
+        except TimeoutError:
+            proceeds, text = params.unanswered == "continue", f"no answer within {params.wait_s:g} s"
+        if not proceeds:
+            raise BlockError("stopped", f"{params.question} {text}")
+        context.report(1.0, text)
 
 
 async def until_state(module: Module, order: StartOrder | StopOrder, state: ServiceState) -> None:
