@@ -270,6 +270,7 @@ def test_command_gives_document_and_something_for_people(command: str, check: Ch
         ("mission start formation --yes --set bogus=1", 7, "parameter 'bogus': unknown"),
         ("mission start formation --yes --member uav9", 6, "node 'uav9': not known"),
         ("mission abort --yes", 6, "expected one"),
+        ("mission answer", 6, "no block waits for an answer"),
         ("mission cancel 5 --yes", 6, "run 5: neither played nor kept"),
         ("mission prioritize 5 10", 6, "run 5: neither played nor kept"),
         ("mission prioritize 5 100", 2, "is not in the range 0<=x<=99"),

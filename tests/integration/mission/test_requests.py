@@ -191,7 +191,7 @@ async def test_services_are_started_and_stopped_by_guard(tmp_path: Path) -> None
         # an armed vehicle keeps the services with which it moves
         stubs.states["navigator"] = ServiceState.RUNNING
         armed = await play(s, {"type": "Arm"}, {**stop, "service": "navigator"})
-        assert "expected a disarmed vehicle" in armed
+        assert "the armed vehicle flies with navigator" in armed
         assert stubs.states["navigator"] == ServiceState.RUNNING
 
 
