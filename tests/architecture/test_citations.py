@@ -1,12 +1,13 @@
 """Every document that is cited is in the repository, and so is the part of it that is meant."""
 
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from tests.architecture.sources import ROOT
 
-ROOT = Path(__file__).parents[2]
 PLACES = ("lib", "daemons", "cli", "etc", "share", "tests", ".ci", ".")
 """Folders whose text may cite; of the root only its own files."""
 TEXT = {".py", ".md", ".toml", ".json", ".yaml", ".yml", ".sh", ".service", ".conf", ".target", ""}
@@ -55,20 +56,9 @@ FORMER_DECISIONS = [
 
 def found(cited: str, by: str) -> str | None:
     """The document that is meant: from the root, beside the one who cites, or the only one of this name."""
-    beside = Path(by).parent / cited
-    near = {str(Path(*_flat(beside.parts))), cited}
+    near = {os.path.normpath(Path(by).parent / cited), cited}
     named = [name for name in sorted(DOCUMENTS) if name in near or name.endswith(f"/{cited}")]
     return named[0] if named else None
-
-
-def _flat(parts: tuple[str, ...]) -> list[str]:
-    flat: list[str] = []
-    for part in parts:
-        if part == ".." and flat:
-            flat.pop()
-        elif part != ".":
-            flat.append(part)
-    return flat
 
 
 def test_every_document_that_is_cited_is_in_repository() -> None:
@@ -135,21 +125,14 @@ def test_no_text_rests_on_document_outside_repository() -> None:
     assert {name: ELSEWHERE.findall(text) for name, text in TEXTS.items() if ELSEWHERE.search(text)} == {}
 
 
-def read_pages() -> dict[str, str]:
-    """Documents that people write: not those that are generated, nor the history."""
-    return {
-        name: text
-        for name, text in TEXTS.items()
-        if name in DOCUMENTS and Path(name).name not in {"types.md", "cli.md", "CHANGELOG.md"}
-    }
-
-
-PAGES = read_pages()
+PAGES = {
+    name: TEXTS[name] for name in DOCUMENTS if Path(name).name not in {"types.md", "cli.md", "CHANGELOG.md"}
+}
+"""Documents that people write: neither generated pages nor the history."""
 IDENTIFIER = re.compile(r"(?<![\w$])[A-Za-z_][A-Za-z0-9_]{2,}")
 OF_OTHERS = {
     *("activating", "unprivileged_userns_clone", "toctree", "SWARMCTL_TRACEBACK", "arived"),
-    *("nftables", "rclpy", "_part2", "_ned", "utimensat", "PREEMPT_RT", "u24", "u64", "u48", "i24"),
-    *("i64",),
+    *("nftables", "rclpy", "_part2", "_ned", "utimensat", "PREEMPT_RT", "u24", "u64", "u48", "i24", "i64"),
 }
 """Words in backticks that are from other programs, composed by the code, types of the wire, or examples
 of what is refused."""

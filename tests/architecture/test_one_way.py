@@ -8,53 +8,32 @@ import re
 from collections.abc import Iterator
 from typing import Final
 
-import pytest
 from tests.architecture.sources import trees, walked
 
 TREES: Final = trees()
 
-CALLS: Final = {
-    "replace a file": (
-        {"os.replace", "os.rename", "os.renames", "*.rename", "path.replace", "fresh.replace"},
-        {
-            "lib/swarmware/runtime/filewriter.py": "the writer of files",
-            "lib/swarmware/transport/shm/ringfile.py": "a ring gets its name when it is filled",
-            "lib/swarmware/transport/shm/shared_file.py": "sets a folder aside that is in the way of a file",
-            "lib/swarmware/transport/appfile/trace.py": "sets the file of a dead application aside",
-            "lib/swarmware/recorder/growing_file.py": "a segment gets its name when it has its end",
-            "lib/swarmware/recorder/ring.py": "sets a damaged segment aside",
-            "cli/swarmctl/commands/log/tables.py": "a table gets its name at its end",
-        },
-    ),
-    "read a ring": (
-        {"RingReader"},
-        {
-            "lib/swarmware/transport/shm/ring.py": "the reader itself reopens",
-            "lib/swarmware/node/follower.py": "the follower of rings",
-            "cli/swarmctl/commands/doctor/broker_checks.py": "reads once, without the node",
-        },
-    ),
+REPLACE: Final = re.compile(r"os\.(replace|renames?)|.*\.rename|(path|fresh)\.replace")
+"""Calls that replace a file."""
+REPLACING: Final = {
+    "lib/swarmware/runtime/filewriter.py": "the writer of files",
+    "lib/swarmware/transport/shm/ringfile.py": "a ring gets its name when it is filled",
+    "lib/swarmware/transport/shm/shared_file.py": "sets a folder aside that is in the way of a file",
+    "lib/swarmware/transport/appfile/trace.py": "sets the file of a dead application aside",
+    "lib/swarmware/recorder/growing_file.py": "a segment gets its name when it has its end",
+    "lib/swarmware/recorder/ring.py": "sets a damaged segment aside",
+    "cli/swarmctl/commands/log/tables.py": "a table gets its name at its end",
 }
-"""What is done in one place: the calls, and the files that make them, each with its reason."""
+"""Files that replace a file, each with its reason."""
 
 
-def calls(tree: ast.Module) -> Iterator[str]:
-    """Each called name, such as `os.replace`."""
-    for node in walked(tree):
-        if isinstance(node, ast.Call):
-            yield ast.unparse(node.func)
-
-
-def matches(name: str, wanted: set[str]) -> bool:
-    """Whether this call is one of those wanted; `*.rename`: of any object."""
-    return name in wanted or f"*.{name.rpartition('.')[2]}" in wanted
-
-
-@pytest.mark.parametrize("what", CALLS)
-def test_it_is_done_in_one_place(what: str) -> None:
-    wanted, places = CALLS[what]
-    found = {path for path, tree in TREES.items() if any(matches(name, wanted) for name in calls(tree))}
-    assert found == set(places), f"to {what}: use the one place, or give a reason here"
+def test_file_is_replaced_in_one_place() -> None:
+    found = {
+        path
+        for path, tree in TREES.items()
+        for node in walked(tree)
+        if isinstance(node, ast.Call) and REPLACE.fullmatch(ast.unparse(node.func))
+    }
+    assert found == set(REPLACING), "expected swarmware.runtime.filewriter, or a reason here"
 
 
 def is_own_backoff(node: ast.AST) -> bool:

@@ -3,11 +3,10 @@
 import ast
 import importlib
 from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
 
 import pytest
-from tests.architecture.sources import nodes
+from tests.architecture.sources import ROOT, ROOTS, nodes
 
 from swarmware.model import template
 from swarmware.model.access import Access, Role, Sender, Verb
@@ -16,8 +15,7 @@ from swarmware.model.paths import APPLICATIONS, is_reserved_path
 from swarmware.model.resource import Kind
 from swarmware.service.installed import installed
 
-ROOT = Path(__file__).parents[2]
-SOURCES = [file for part in ("daemons", "lib", "cli") for file in sorted((ROOT / part).rglob("*.py"))]
+SOURCES = [file for part in ROOTS for file in sorted((ROOT / part).rglob("*.py"))]
 
 OBSERVER, NODE, OPERATOR, MAINTAINER = Role
 SERVED = {
@@ -114,15 +112,10 @@ DOORS = {
 """Files that may use the ways to a handler, and the statement of who sent a frame."""
 
 
-@cache
-def _nodes(file: Path) -> list[ast.AST]:
-    return list(nodes(file))
-
-
 def _served(file: Path) -> Iterator[str]:
     """Addresses in calls of `serve`, `inbox` and `take_datagrams`."""
     module = None
-    for node in _nodes(file):
+    for node in nodes(file):
         if not isinstance(node, ast.Call) or len(node.args) < 2:
             continue
         function = node.func
@@ -184,14 +177,10 @@ def test_observer_sets_nothing_and_calls_no_application() -> None:
 def _users(name: str) -> set[str]:
     found = set()
     for file in SOURCES:
-        for node in _nodes(file):
-            used = (
-                (isinstance(node, ast.Attribute) and node.attr == name)
-                or (isinstance(node, ast.Name) and node.id == name)
-                or (isinstance(node, ast.alias) and node.name == name)
-            )
-            if used:
-                found.add(str(file.relative_to(ROOT)))
+        for node in nodes(file):
+            match node:
+                case ast.Attribute(attr=used) | ast.Name(id=used) | ast.alias(name=used) if used == name:
+                    found.add(str(file.relative_to(ROOT)))
     return found
 
 

@@ -9,7 +9,7 @@ from swarmware.model.frame import Frame, decode
 from swarmware.model.names import has_unit_branch
 from swarmware.node.node import Node
 from swarmware.transport.shm.layout import readers_folder, ring_file
-from swarmware.transport.shm.ring import RingReader
+from swarmware.transport.shm.ring import RingReader  # noqa: TID251  # the follower of rings
 from swarmware.transport.shm.ringfile import absent
 
 log = logging.getLogger("swarm.follower")

@@ -12,7 +12,7 @@ from swarmware.errors import SwarmError
 from swarmware.model.frame import decode
 from swarmware.transport.security.keys import FORMER_MAX
 from swarmware.transport.shm.layout import ring_file
-from swarmware.transport.shm.ring import RingReader
+from swarmware.transport.shm.ring import RingReader  # noqa: TID251  # read once, without the node
 from swarmware.types import registry
 from swarmware.types.traffic import CERTAINLY_HOSTILE, HOSTILE, Traffic
 
