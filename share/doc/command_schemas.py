@@ -72,6 +72,8 @@ DOCUMENTS: Final = {
     "mission status": "swarmware.types.mission:MissionStatus",
     "mission queue": "swarmware.types.mission:MissionQueue",
     "mission answer": "swarmctl.commands.mission.answering:MissionAnswer",
+    "mission history": "swarmware.types.mission_run:MissionHistory",
+    "mission history ID": "swarmware.types.mission_run:RunDetails",
     "mission cancel": "swarmware.types.mission:AbortAnswer",
     "mission prioritize": "swarmware.types.mission:AbortAnswer",
     "mission watch": "swarmctl.commands.mission.members:MemberState",

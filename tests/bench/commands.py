@@ -56,6 +56,7 @@ COMMANDS: Final = (
     "mission ls",
     "mission status",
     "mission queue",
+    "mission history",
     "mission check formation",
     "hal ls",
     "time ls",

@@ -14,6 +14,7 @@ from swarmd.mission.drain import Drain
 from swarmd.mission.values import Values
 from swarmware.errors import SwarmError
 from swarmware.mission.binding import Binding
+from swarmware.mission.finding import Finding
 from swarmware.mission.model import MissionDefinition
 from swarmware.model.names import hardware_id
 from swarmware.model.platform_kind import PlatformKind
@@ -44,9 +45,10 @@ class OrderAcceptance:
         drain: Drain,
         core: MissionScheduler,
         check: Check,
-        take: Callable[[Run], None],
+        take: Callable[[Run, MissionOrder, tuple[Finding, ...]], None],
     ) -> None:
-        """`take`: passes the run of an accepted order on. Raises: SwarmError."""
+        """`take`: passes the run of an accepted order on, with the findings of its check. Raises:
+        SwarmError."""
         self._module = module
         self._admission = OrderAdmission(module.platform, kind)
         self._checker = checker
@@ -73,7 +75,7 @@ class OrderAcceptance:
             return _refusal(order, received_ns, error)
         if mission is None:
             return self._read(order, binding, received_ns, by)
-        return self._decide(order, mission, received_ns, by)
+        return self._decide(order, mission, binding, received_ns, by)
 
     async def _read(self, order: MissionOrder, binding: Binding, received_ns: int, by: str) -> MissionReceipt:
         try:
@@ -82,16 +84,17 @@ class OrderAcceptance:
             return _refusal(order, received_ns, error)
         if self._has_taken(order):  # accepted meanwhile by a repeated request
             return MissionReceipt(True, received_ns)
-        return self._decide(order, mission, received_ns, by)
+        return self._decide(order, mission, binding, received_ns, by)
 
     def _decide(
-        self, order: MissionOrder, mission: MissionDefinition, received_ns: int, by: str
+        self, order: MissionOrder, mission: MissionDefinition, binding: Binding, received_ns: int, by: str
     ) -> MissionReceipt:
         try:
             run = self._admission.run(order, mission)
             self._check(order, mission)
             self._values.open(mission.resources)
-            self._take(msgspec.structs.replace(run, by=by))
+            findings = self._checker.warnings(order.text, binding)
+            self._take(msgspec.structs.replace(run, by=by), order, findings)
         except SwarmError as error:
             return _refusal(order, received_ns, error)
         return MissionReceipt(True, received_ns, waits=self._core.waits(order.epoch))

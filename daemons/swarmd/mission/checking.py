@@ -42,6 +42,7 @@ class Checker:
         self.catalogue = catalogue
         self._verdicts: OrderedDict[str, Findings] = OrderedDict()
         self._missions: OrderedDict[str, MissionDefinition] = OrderedDict()
+        self._warnings: OrderedDict[str, Findings] = OrderedDict()
         # one process at a time: many requested checks wait and do not load the computer
         self._turn = asyncio.Lock()
 
@@ -75,12 +76,18 @@ class Checker:
         quick: list[Finding] | None = None
         if len(text) <= QUICK_TEXT:
             reading, quick = check_text(text, file, binding, self.catalogue, Budget(QUICK_BYTES))
-        refuse(await self._finished(quick, TextJob(text, file, binding), file))
+        verdict = await self._finished(quick, TextJob(text, file, binding), file)
+        refuse(verdict)
         if quick is None:
             reading = await asyncio.to_thread(read, text, file, binding, self.catalogue)
         if reading.mission is None:
             raise MissionError("\n".join(str(finding) for finding in reading.findings))
+        _keep(self._warnings, _key(text, binding), verdict)
         return _keep(self._missions, _key(text, binding), reading.mission)
+
+    def warnings(self, text: str, binding: Binding) -> Findings:
+        """The findings about the mission of one member that was read and accepted."""
+        return self._warnings.get(_key(text, binding), ())
 
     async def check_params(self, folder: Folder, assignment: Assignment) -> None:
         """Checks the text of each role with the parameters of its first member, before an order is sent.

@@ -104,6 +104,8 @@ class Config(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     emergency_descent_m_s: Annotated[float, msgspec.Meta(gt=0, le=10)] = 1.0
     """Descent rate of an emergency landing above a measured height of 2 m; otherwise the vehicle descends at
     touch-down speed."""
+    kept_runs: Annotated[int, msgspec.Meta(ge=1, le=100_000)] = 200
+    """Number of runs whose folders are kept, the newest; a limit keeps them from filling the disk."""
     reaction: tuple[ReactionRow, ...] = REACTIONS
     """Reactions to faults; the row `link_loss` is made of the two settings above."""
     fence: FenceConfig | None = None

@@ -2,6 +2,7 @@
 
 import asyncio
 import logging
+from collections.abc import Callable
 from typing import Final, Protocol
 
 from swarmware.runtime.core import HardwareClock
@@ -27,8 +28,12 @@ class ProgressWriter(Protocol):
 class ProgressRecord:
     """Collects steps, and writes them in their order with their own stamps."""
 
-    def __init__(self, writer: ProgressWriter, clock: HardwareClock) -> None:
+    def __init__(
+        self, writer: ProgressWriter, clock: HardwareClock, keep: Callable[[list[MissionProgress]], None]
+    ) -> None:
+        """`keep`: takes the steps that were written, for the folder of their run."""
         self._writer = writer
+        self._keep = keep
         self._clock = clock
         self._steps: list[MissionProgress] = []
         self._timer: asyncio.TimerHandle | None = None
@@ -47,6 +52,7 @@ class ProgressRecord:
             self._writer.write(step, step.at_ns)
             level = logging.DEBUG if step.block else logging.INFO
             log.log(level, "%s %s: %s %s", step.mission, step.block or "mission", step.event, step.text)
+        self._keep(steps)
 
     def close(self) -> None:
         """Writes what is left."""

@@ -28,12 +28,14 @@ from swarmd.mission.progress_record import ProgressRecord
 from swarmd.mission.reaction_watch import ReactionWatch
 from swarmd.mission.rehearsal import SETTLED_S, Rehearsal
 from swarmd.mission.run_control import RunControl
+from swarmd.mission.run_folder import RunDisk, RunFolders
 from swarmd.mission.runner import BlockRunner
 from swarmd.mission.store import MissionStore
 from swarmd.mission.values import Values
 from swarmd.mission.vehicle import VehicleClient
 from swarmware.errors import Conflict, InvalidInput, MissionError, SwarmError
 from swarmware.mission.assignment import Platform
+from swarmware.mission.finding import Finding
 from swarmware.mission.model import MissionDefinition
 from swarmware.mission.outcome import BlockOutcome
 from swarmware.model import paths
@@ -105,13 +107,16 @@ class Mission(Service):
         vehicle = VehicleClient.open(module, self.config) if self._kind in VEHICLES else None
         self._vehicle = vehicle
         self._runner = BlockRunner(module, vehicle, self._plugins, self._ended, self._core.report)
-        self._store = MissionStore((node.data_path / "missions", node.share_path / "missions"), self._checker)
+        self._store = MissionStore(
+            (paths.missions(node.data_path), node.share_path / "missions"), self._checker
+        )
         self._rehearsal = Rehearsal(module.platform, self._store, self._checker, self._values, self._rehearse)
         self._state: BoardWriter[MissionState] = module.writer(STATE, MissionState)
         progress: BoardWriter[MissionProgress] = module.stream_writer(
             "mission/progress", MissionProgress, kind="event", log="all", description="Steps of the mission"
         )
-        self._record = ProgressRecord(progress, module.clock)
+        self._runs = RunFolders(RunDisk(module.platform, node.data_path, config.kept_runs), module.clock)
+        self._record = ProgressRecord(progress, module.clock, self._runs.add)
         receipts: BoardWriter[OrderReceipt] = module.stream_writer(
             "mission/orders",
             OrderReceipt,
@@ -179,6 +184,7 @@ class Mission(Service):
         finally:
             await self._runner.close()
             self._record.close()
+            self._runs.close()
 
     def _serve(self) -> None:
         module = self.module
@@ -206,6 +212,7 @@ class Mission(Service):
             reply=MissionStatus,
             description="A manoeuvre of this vehicle: takeoff, goto",
         )
+        self._runs.serve(module)
         module.serve(
             "sys/mission/status",
             Empty,
@@ -260,8 +267,9 @@ class Mission(Service):
         if not answer.accepted:
             log.error("reaction (%s): mission %s was refused: %s", reason, name, answer.orders[0].reasons)
 
-    def _take_order(self, run: Run) -> None:
+    def _take_order(self, run: Run, order: MissionOrder, findings: tuple[Finding, ...]) -> None:
         actions = self._core.on_order(run, self.module.now_ns())
+        self._runs.begin(order, run.by, findings)
         # the reply is sent first: the ground station waits for it, others get the state with the next beacon
         self._driver.defer(actions)
         asyncio.get_running_loop().call_soon(self._taken, run.epoch)

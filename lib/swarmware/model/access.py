@@ -77,6 +77,7 @@ DEFAULT: Final = (
     AccessRule(
         Verb.CALL, "sys/*/{status,state,faults,stats,ls,info,config,apps,functions,queue}", "observer"
     ),
+    AccessRule(Verb.CALL, "sys/mission/{history,run}", "observer"),
     AccessRule(Verb.CALL, "sys/broker/{links,outages,routes,traffic}", "observer"),
     AccessRule(Verb.CALL, "sys/video/open", "node"),
     AccessRule(Verb.CALL, "sys/{files,mission,vehicle,health,video}/**", "operator"),

@@ -123,6 +123,11 @@ def log(data_dir: Path) -> Path:
     return data_dir / "log"
 
 
+def missions(data_dir: Path) -> Path:
+    """Folder of the missions that are stored on a node, and of the runs that it has played."""
+    return data_dir / "missions"
+
+
 def status(application: str) -> str:
     """Resource path at which a service reports its state and its heartbeat."""
     return f"app/{segment(application)}/status"

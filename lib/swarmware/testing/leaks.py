@@ -8,6 +8,8 @@ from pathlib import Path
 
 LOCKS = {"boot", "master.lock"}
 """Files that persist: they contain the numbers of the node's last start and of its last master."""
+KEPT = frozenset({"etc", "missions"})
+"""Folders whose files persist: the configuration of a node, and its missions with their runs."""
 FORK_SERVERS: set[int] = set()
 """Processes that fork for this one: their child processes count as its own."""
 
@@ -15,7 +17,8 @@ FORK_SERVERS: set[int] = set()
 @contextmanager
 def no_leaks(*folders: Path) -> Iterator[None]:
     """Raises AssertionError if the block leaves a child process, a thread, an open descriptor, something
-    in shared memory, or a file in a folder (a node's configuration and its two lock files may stay)."""
+    in shared memory, or a file in a folder (a node's configuration, its two lock files and the records of its
+    runs may stay)."""
     before = _state()
     yield
     left = {what: after - before[what] for what, after in _state().items()}
@@ -23,7 +26,7 @@ def no_leaks(*folders: Path) -> Iterator[None]:
         left["files"] = left.get("files", set()) | {
             str(path)
             for path in folder.rglob("*")
-            if not path.is_dir() and path.name not in LOCKS and "etc" not in path.parts
+            if not path.is_dir() and path.name not in LOCKS and not KEPT & set(path.parts)
         }
     found = {what: sorted(names) for what, names in left.items() if names}
     assert not found, f"left behind: {found}"

@@ -243,6 +243,8 @@ def _validate(words: list[str], out: str) -> None:
     found = json.loads(out) if out.startswith("{\n") else None
     if command == "tree get" and found and "values" in found:
         command = "tree get PATTERN"
+    if command == "mission history" and "--show" in words:
+        command = "mission history ID"
     if command == "mission start" and found is None:
         command = "mission watch"
     if found and "result" in (found.get("nodes") or [{}])[0]:

@@ -103,6 +103,7 @@ def platforms(found: Iterable[dict[str, Any]]) -> set[str]:
         ),
         ("mission check formation", lambda d: d["missions"][0]["sound"] and not d["missions"][0]["findings"]),
         ("mission queue -n uav1", lambda d: (d["platform"], d["runs"]) == ("uav1", [])),
+        ("mission history -n uav1", lambda d: (d["platform"], d["failed_writes"]) == ("uav1", 0)),
         ("mission status -n uav1", lambda d: d["platform"] == "uav1" and "progress_ratio" in d["state"]),
         ("time ls", lambda d: platforms(d["functions"]) == {"uav1", "uav2", "ugv1"}),
         ("hal ls", lambda d: platforms(d["platforms"]) == set(NODES) and d["silent"] == []),

@@ -40,7 +40,7 @@ def step(event: str, at_ns: int, block: str = "") -> MissionProgress:
 async def test_steps_are_written_in_order_with_stamps() -> None:
     clock = Clock()
     writer = Written(clock)
-    record = ProgressRecord(writer, clock)
+    record = ProgressRecord(writer, clock, lambda steps: None)
     began_ns = clock.now_ns()
     record.add(step("state:ready", began_ns))
     record.add(step("state:running", began_ns + 1))
@@ -53,7 +53,7 @@ async def test_steps_are_written_in_order_with_stamps() -> None:
 async def test_step_after_written_one_is_written_too() -> None:
     clock = Clock()
     writer = Written(clock)
-    record = ProgressRecord(writer, clock)
+    record = ProgressRecord(writer, clock, lambda steps: None)
     record.add(step("state:ready", 1))
     await writer.until(1)
     record.add(step("state:running", 2))
@@ -63,9 +63,11 @@ async def test_step_after_written_one_is_written_too() -> None:
 async def test_what_is_left_at_the_end_is_written() -> None:
     clock = Clock()
     writer = Written(clock)
-    record = ProgressRecord(writer, clock)
+    kept: list[MissionProgress] = []
+    record = ProgressRecord(writer, clock, kept.extend)
     record.add(step("state:aborted", 5))
     record.close()
+    assert [each.event for each in kept] == ["state:aborted"]
     assert writer.found == [("state:aborted", 5)]
     record.close()
     assert len(writer.found) == 1
@@ -75,7 +77,7 @@ async def test_state_change_is_info_step_is_debug(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     clock = Clock()
-    record = ProgressRecord(Written(clock), clock)
+    record = ProgressRecord(Written(clock), clock, lambda steps: None)
     with caplog.at_level(logging.DEBUG, "swarm.mission"):
         record.add(step("state:ready", 1))
         record.add(step("started", 2, block="goto"))

@@ -38,6 +38,13 @@ def _query_options(function: "Callable[..., Any]") -> "Callable[..., Any]":
         click.option("--since", metavar="TIME", help="Start: 30s, 5m, 2h ago, or an ISO date."),
         click.option("--until", metavar="TIME", help="End, in the format of --since."),
         click.option(
+            "--mission",
+            "run_id",
+            type=click.IntRange(min=1),
+            metavar="ID",
+            help="Only the span of this run, from `mission history`.",
+        ),
+        click.option(
             "--limit", type=click.IntRange(min=1), metavar="N", help="At most N entries, the newest."
         ),
         click.option("--oldest", is_flag=True, help="With --limit: the oldest entries instead."),

@@ -13,6 +13,7 @@ from swarmctl.commandline.nodes import EVERY, NodeSelection
 from swarmctl.commandline.settings import CliSettings
 from swarmctl.commands.log import export
 from swarmctl.commands.log.origins import origins as map_origins
+from swarmctl.commands.log.run_span import run_span
 from swarmctl.resources.values import brief
 from swarmctl.session import labs
 from swarmctl.session.session import config_dir
@@ -218,13 +219,23 @@ def absolute(pattern: str, settings: CliSettings) -> str:
 
 
 def query(settings: CliSettings, options: Mapping[str, Any]) -> Query:
-    """The query in a command's options."""
+    """The query in a command's options.
+
+    Raises: InvalidInput for a time that cannot be parsed; NotFound for an unknown run.
+    """
     now_ns = utc_ns()
+    since_ns = instant_ns(options["since"], now_ns) if options["since"] else None
+    until_ns = instant_ns(options["until"], now_ns) if options["until"] else None
+    if options["run_id"]:
+        begin_ns, end_ns = run_span(settings, options["run_id"])
+        since_ns = begin_ns if since_ns is None else max(begin_ns, since_ns)
+        ends = [each for each in (end_ns, until_ns) if each is not None]
+        until_ns = min(ends, default=None)
     return Query(
         pattern=Pattern(absolute(options["pattern"], settings)).text,
         types=tuple(options["types"]),
-        since_ns=instant_ns(options["since"], now_ns) if options["since"] else None,
-        until_ns=instant_ns(options["until"], now_ns) if options["until"] else None,
+        since_ns=since_ns,
+        until_ns=until_ns,
         limit=options["limit"],
         newest=not options["oldest"],
     )

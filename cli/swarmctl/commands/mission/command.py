@@ -118,6 +118,25 @@ def queue(ctx: click.Context) -> None:
     run_each(settings(ctx), print_queue)
 
 
+@cmd.command()
+@click.option(
+    "--show", "run_id", type=click.IntRange(min=1), metavar="ID", help="Show this run, with its steps."
+)
+@click.pass_context
+def history(ctx: click.Context, run_id: int | None) -> None:
+    """List the runs that a platform has played, newest first, or show one of them.
+
+    Example: swarmctl mission history --all
+    """
+    from swarmctl.commands.mission.history import print_history, print_run
+    from swarmctl.session.each_node import run_each
+
+    if run_id is None:
+        run_each(settings(ctx), print_history)
+    else:
+        run_each(settings(ctx), print_run, run_id)
+
+
 @cmd.command(nodes=Nodes.ONE)
 @click.argument("run_id", metavar="ID", type=click.IntRange(min=1))
 @click.option("--reason", default="cancelled by the operator", help="Reason, recorded in all logs.")
