@@ -211,6 +211,10 @@ class PriorityChange(msgspec.Struct, frozen=True, array_like=True, gc=False):
     priority: int
 
 
+ASKS: Final = "asks the operator: "
+"""Start of the question of a UserBreakpoint in the text of a mission's state, after the name of the block."""
+
+
 @register
 class BreakpointAnswer(msgspec.Struct, frozen=True, array_like=True, gc=False):
     """Answer of the operator to the question of a UserBreakpoint (`sys/mission/answer`)."""

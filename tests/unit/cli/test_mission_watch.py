@@ -15,6 +15,7 @@ from swarmctl.commands.mission.status import print_status
 from swarmctl.terminal.output import Output
 from swarmware.errors import NotFound, Partial, SwarmError
 from swarmware.types.mission import (
+    ASKS,
     MissionPhase,
     MissionPlan,
     MissionState,
@@ -40,6 +41,13 @@ def test_block_keeps_one_line_until_it_changes() -> None:
         "14:03:22 uav1     formation    failed                              "
         "came to failed: goto ended with timeout"
     )
+
+
+def test_question_to_operator_is_shown_while_block_asks() -> None:
+    asks = state(text=f"b1: {ASKS}Ready? (mission answer uav1)")
+    assert display_key(asks) != display_key(state())
+    assert change_line("14:03:22", "uav1", asks).endswith("Ready? (mission answer uav1)")
+    assert "asks the operator: Ready?" in member_table("launch", 1.0, {"uav1": MemberProgress(asks, 1.0)})
 
 
 def test_member_line_has_height_distance_and_arrival() -> None:

@@ -109,7 +109,11 @@ def test_mutation_is_judged_alike_by_both_readers(part: int) -> None:
             text, "m.json", Binding("uav1", PlatformKind(kind)), budget=Budget(QUICK_BYTES)
         )
         "".join(map(str, findings)).encode()
-        form = [finding for finding in reading.findings if finding.rule not in BEYOND_FORM]
+        form = [
+            finding
+            for finding in reading.findings
+            if finding.rule not in BEYOND_FORM and finding.severity == "error"
+        ]
         if "$" not in text:
             assert bool(form) != VALIDATOR.is_valid(document), (seed, form)
         seen[sound(findings)] += 1

@@ -8,7 +8,7 @@ import msgspec
 from swarmctl.terminal.quantities import spoken
 from swarmctl.terminal.table import Cell, Column, fitted_table
 from swarmctl.terminal.table import show as shown
-from swarmware.types.mission import INACTIVE, MissionState
+from swarmware.types.mission import ASKS, INACTIVE, MissionState
 
 MOVING_M_S: Final = 0.2
 """Speed below which no time of arrival is estimated."""
@@ -46,13 +46,17 @@ class MemberProgress(msgspec.Struct, frozen=True):
 
 def display_key(state: MissionState) -> object:
     """Fields whose change is a line; the text of a block that runs changes with each metre."""
-    return state.state, state.mission, state.active, state.text if state.state in INACTIVE else ""
+    return state.state, state.mission, state.active, _lasting_text(state)
+
+
+def _lasting_text(state: MissionState) -> str:
+    """The reason of an end, or the question to the operator; "" for the text of a motion."""
+    return state.text if state.state in INACTIVE or ASKS in state.text else ""
 
 
 def change_line(clock: str, platform: str, state: MissionState) -> str:
     """The line of one change: `14:03:22 uav1 formation running takeoff`."""
-    text = state.text if state.state in INACTIVE else ""
-    blocks = ", ".join(state.active)
+    text, blocks = _lasting_text(state), ", ".join(state.active)
     return f"{clock} {platform:<8} {state.mission:<12} {state.state:<10} {blocks:<24} {text}".rstrip()
 
 
@@ -72,7 +76,7 @@ def _row(platform: str, member: MemberProgress) -> tuple[Cell, ...]:
     return (
         platform,
         state.state,
-        state.text if ended else ", ".join(state.active),
+        state.text if ended else _lasting_text(state) or ", ".join(state.active),
         f"{state.progress_ratio:.0%}",
         None if member.height_m is None else f"{member.height_m + 0.0:.1f}",
         None if member.distance_m is None or ended else f"{member.distance_m:.1f}",

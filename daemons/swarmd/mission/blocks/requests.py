@@ -20,6 +20,7 @@ from swarmware.module.module import Module
 from swarmware.types import registry
 from swarmware.types.description import TypeDescription
 from swarmware.types.health import GuardStatus, ServiceState, StartOrder, StopOrder
+from swarmware.types.mission import ASKS
 from swarmware.types.rpc import Empty
 from swarmware.types.tree import TreeList, TreeListing, TreeSet, TreeSetDone, TypeRequest
 from swarmware.types.typed_value import value_of
@@ -109,7 +110,7 @@ class UserBreakpointBlock:
     async def run(self, context: Context) -> None:
         """Ends when the operator lets the mission continue, or after the time as the mission says."""
         params: resource_params.UserBreakpoint = context.params
-        context.report(0.0, f"{params.question} (mission answer {context.module.platform})")
+        context.report(0.0, f"{ASKS}{params.question} (mission answer {context.module.platform})")
         try:
             async with asyncio.timeout(params.wait_s):
                 proceeds, text = await context.questions.ask(context.block_id), "the operator has answered"
