@@ -9,6 +9,12 @@ from typing import Final
 
 ROOT: Final = Path(__file__).parents[2]
 ROOTS: Final = ("lib", "daemons", "cli")
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def last_word(node: ast.expr) -> str:
+    """`Sensor` of `hal.Sensor[int]`."""
+    return ast.unparse(node).partition("[")[0].rpartition(".")[2]
 
 
 @cache

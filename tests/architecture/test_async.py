@@ -3,7 +3,7 @@
 import ast
 from collections.abc import Iterator
 
-from tests.architecture.sources import trees, walked
+from tests.architecture.sources import Function, last_word, trees, walked
 
 WAITING = {
     "Service": {"run", "stop"},  # a service may wait as it stops, ours or a user's
@@ -15,8 +15,6 @@ WAITING = {
     "FakeClient": {"send"},  # the interface of the client that it stands for
 }
 """Methods that users or other implementations make wait: class → methods, also in what is derived from it."""
-
-Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
 def own(body: list[ast.stmt]) -> Iterator[ast.AST]:
@@ -49,10 +47,6 @@ def idle(tree: ast.AST, bases: dict[str, set[str]]) -> Iterator[tuple[int, str]]
 
 def ancestors(name: str, bases: dict[str, set[str]]) -> set[str]:
     return {name}.union(*(ancestors(base, bases) for base in bases.get(name, ())))
-
-
-def last_word(node: ast.expr) -> str:
-    return ast.unparse(node).partition("[")[0].rpartition(".")[2]
 
 
 def bases_of(trees: list[ast.Module]) -> dict[str, set[str]]:

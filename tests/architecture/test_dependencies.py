@@ -6,13 +6,11 @@ import sys
 import tomllib
 from collections.abc import Iterable
 from functools import cache
-from pathlib import Path
 from typing import Final
 
 import pytest
-from tests.architecture.sources import nodes
+from tests.architecture.sources import ROOT, nodes
 
-ROOT: Final = Path(__file__).parents[2]
 PROJECT: Final = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 EXTRAS: Final[dict[str, list[str]]] = PROJECT["optional-dependencies"]
 OWN: Final = {

@@ -1,12 +1,10 @@
 """Every sleep is a pause that is meant: a process or test that waits for an event waits for that event."""
 
 import ast
-from pathlib import Path
 from typing import Final
 
-from tests.architecture.sources import parsed
+from tests.architecture.sources import ROOT, parsed
 
-ROOT: Final = Path(__file__).parents[2]
 MEANT: Final = {
     "cli/swarmctl/commands/app/stopping.py:_until": "the stopped tree or register would carry the event",
     "cli/swarmctl/commands/fleet/agent.py:HostAgent._start": "another process started it: no notification",

@@ -23,13 +23,6 @@ WORD: Final = re.compile(r"[A-Za-z][\w -]*")
 TAKEN_APART: Final = frozenset(
     ["endswith", "partition", "removeprefix", "removesuffix", "rpartition", "split", "startswith"]
 )
-EXCEPTIONS: Final = {
-    (
-        "lib/swarmware/mission/source.py",
-        "self._text.startswith(f'\"{text}\"', offset)",
-    ): "the JSON text of a mission, which is parsed",
-}
-"""Places that may compare or take apart, each with its reason."""
 
 
 def words(node: ast.AST) -> frozenset[str]:
@@ -123,11 +116,9 @@ def is_prose(node: ast.AST) -> bool:
 
 def test_state_is_compared_with_member_not_with_text() -> None:
     known = checked()
-    found = {
-        (path, text): line
+    found = [
+        f"{path}:{line} {text}"
         for path, tree in TREES.items()
         for line, text in (*compared(tree, known), *taken_apart(tree))
-    }
-    new = [f"{path}:{line} {text}" for (path, text), line in found.items() if (path, text) not in EXCEPTIONS]
-    assert not new, "expected a member of an enumeration:\n" + "\n".join(sorted(new))
-    assert set(EXCEPTIONS) <= set(found), "an exception is no longer needed"
+    ]
+    assert not found, "expected a member of an enumeration:\n" + "\n".join(sorted(found))

@@ -4,9 +4,7 @@ import ast
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from tests.architecture.sources import trees, walked
-
-Function = ast.FunctionDef | ast.AsyncFunctionDef
+from tests.architecture.sources import Function, last_word, trees, walked
 
 
 @dataclass
@@ -19,10 +17,6 @@ class ClassFacts:
     """Attributes that its constructor or its body makes."""
     later: dict[str, int] = field(default_factory=dict)
     """Attribute → first line at which another method assigns it."""
-
-
-def last_word(node: ast.expr) -> str:
-    return ast.unparse(node).partition("[")[0].rpartition(".")[2]
 
 
 def targets(node: ast.AST) -> list[ast.expr]:

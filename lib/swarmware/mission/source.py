@@ -35,7 +35,7 @@ class JsonSource:
     def __init__(self, text: str, file: str, value: Any) -> None:
         self.file = file
         self.value = value
-        self._text = text
+        self._json = text
         self._offsets: dict[str, int] | None = None
         self._ends: list[int] = []
 
@@ -48,15 +48,15 @@ class JsonSource:
         """Column of a character of the string at this pointer; of the string's beginning if it has
         escapes."""
         offset = self._offset(pointer)
-        before = self._text.rfind("\n", 0, offset)
-        same = self._text.startswith(f'"{text}"', offset)
+        before = self._json.rfind("\n", 0, offset)
+        same = self._json.startswith(f'"{text}"', offset)
         return offset - before + (at + 1 if same else 0)
 
     def _offset(self, pointer: str) -> int:
         if self._offsets is None:
             # computed only for a finding: valid missions are loaded at the speed of the C parser
-            self._offsets = _Walk(self._text).offsets
-            self._ends = [found.start() for found in re.finditer("\n", self._text)]
+            self._offsets = _Walk(self._json).offsets
+            self._ends = [found.start() for found in re.finditer("\n", self._json)]
         while pointer and pointer not in self._offsets:
             pointer = pointer.rpartition("/")[0]
         return self._offsets.get(pointer, 0)
@@ -170,7 +170,7 @@ class _Walk:
     """Offsets of all values of a text that the JSON parser has accepted."""
 
     def __init__(self, text: str) -> None:
-        self._text = text
+        self._json = text
         self.offsets: dict[str, int] = {}
         self.constants: dict[str, int] = {}
         self.duplicate: tuple[str, int] | None = None
@@ -180,30 +180,30 @@ class _Walk:
         return next((pointer for pointer, at in self.offsets.items() if at == offset), "")
 
     def _skip(self, at: int) -> int:
-        found = _SPACE.match(self._text, at)
+        found = _SPACE.match(self._json, at)
         return found.end() if found else at
 
     def _value(self, at: int, pointer: str, depth: int) -> int:
         self.offsets[pointer] = at
-        first = self._text[at : at + 1]
+        first = self._json[at : at + 1]
         if depth > DEPTH_LIMIT or not first:
-            return len(self._text)
+            return len(self._json)
         if first == "{":
             return self._object(at, pointer, depth)
         if first == "[":
             return self._array(at, pointer, depth)
         if first == '"':
             return self._string(at)[1]
-        found = _SCALAR.match(self._text, at)
+        found = _SCALAR.match(self._json, at)
         end = found.end() if found else at + 1
-        if (word := self._text[at:end]) in {"NaN", "Infinity", "-Infinity"}:
+        if (word := self._json[at:end]) in {"NaN", "Infinity", "-Infinity"}:
             self.constants.setdefault(word, at)
         return end
 
     def _string(self, at: int) -> tuple[str, int]:
-        found = _STRING.match(self._text, at)
+        found = _STRING.match(self._json, at)
         if found is None:  # unreachable for a text that the C parser has accepted
-            return "", len(self._text)
+            return "", len(self._json)
         try:
             return str(json.loads(found[0], strict=False)), found.end()
         except ValueError:  # the parser has stopped before it, so its escapes were not checked
@@ -212,7 +212,7 @@ class _Walk:
     def _object(self, at: int, pointer: str, depth: int) -> int:
         at = self._skip(at + 1)
         seen: set[str] = set()
-        while self._text[at : at + 1] == '"':
+        while self._json[at : at + 1] == '"':
             key_at = at
             key, at = self._string(at)
             child = f"{pointer}/{escape(key)}"
@@ -220,7 +220,7 @@ class _Walk:
                 self.duplicate = (child, key_at)
             seen.add(key)
             at = self._skip(self._value(self._skip(self._skip(at) + 1), child, depth + 1))
-            if self._text[at : at + 1] != ",":
+            if self._json[at : at + 1] != ",":
                 break
             at = self._skip(at + 1)
         return at + 1
@@ -228,10 +228,10 @@ class _Walk:
     def _array(self, at: int, pointer: str, depth: int) -> int:
         at = self._skip(at + 1)
         index = 0
-        while self._text[at : at + 1] not in {"]", ""}:
+        while self._json[at : at + 1] not in {"]", ""}:
             at = self._skip(self._value(at, f"{pointer}/{index}", depth + 1))
             index += 1
-            if self._text[at : at + 1] != ",":
+            if self._json[at : at + 1] != ",":
                 break
             at = self._skip(at + 1)
         return at + 1
