@@ -67,6 +67,7 @@ DOCUMENTS: Final = {
     "video rate": "swarmware.types.video:VideoSession",
     "video stop": "swarmware.types.video:VideoSessions",
     "mission ls": "swarmware.types.mission:MissionList",
+    "mission import": "swarmctl.commands.mission.plan_import:ImportedPlan",
     "mission check": "swarmctl.commands.mission.task:MissionVerdicts",
     "mission start": "swarmware.types.mission:TaskAnswer",
     "mission status": "swarmware.types.mission:MissionStatus",

@@ -81,7 +81,7 @@ NOT_MEASURED: Final = {
     " node rename, app restart, app start, app stop, tree set, tree undo,"
     " tree rule, tree load, pub,"
     " traffic clear, traffic set, traffic undo,"
-    " video start, video rate, video stop, mission start, mission abort, mission cancel,"
+    " video start, video rate, video stop, mission start, mission abort, mission cancel, mission import,"
     " mission prioritize, mission answer, takeoff, goto, drive,"
     " hold, land, return, arm, disarm, kill, health clear,"
     " hal calibrate,"

@@ -15,6 +15,7 @@ ARGUMENTS: Final = {
     "mission cancel run_id": "Number of the run, from `mission queue`.",
     "mission prioritize run_id": "Number of the run, from `mission queue`.",
     "priority": "Priority from 0 to 99; a higher one suspends a lower one.",
+    "mission import source": "Plan of QGroundControl, or file of waypoints.",
     "missions": "Files in BDL, folders of missions, or names of shipped missions.",
     "name": "Name: small letters, digits and _.",
     "other": "File of `config dump`, or the platform to compare with.",

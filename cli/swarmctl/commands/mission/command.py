@@ -1,5 +1,7 @@
 """`swarmctl mission`: check, start, watch, queue and abort missions."""
 
+from pathlib import Path
+
 import click
 
 from swarmctl.commandline import completion
@@ -46,6 +48,44 @@ def check(ctx: click.Context, missions: tuple[str, ...]) -> None:
     from swarmctl.terminal.output import Output
 
     check_missions(missions, Output(settings(ctx)))
+
+
+@cmd.command("import", nodes=Nodes.NONE)
+@click.argument("source", metavar="FILE", type=click.Path(path_type=Path))
+@click.option(
+    "-o",
+    "--output",
+    metavar="FOLDER",
+    type=click.Path(path_type=Path),
+    default=None,
+    help="Folder of the mission, which must not exist; default: the name of the file.",
+)
+@click.option(
+    "--origin",
+    metavar="LAT LON",
+    type=(click.FloatRange(-89.9, 89.9), click.FloatRange(-180, 180)),
+    default=None,
+    help="Origin of the map of the swarm, in degrees; default: the home position of the plan.",
+)
+@click.option("--skip-unsupported", is_flag=True, help="Leave out what a mission cannot do, with a warning.")
+@click.pass_context
+def import_(
+    ctx: click.Context,
+    source: Path,
+    output: Path | None,
+    origin: tuple[float, float] | None,
+    skip_unsupported: bool,
+) -> None:
+    """Import a plan of QGroundControl (.plan) or a waypoints file (QGC WPL 110) as a mission.
+
+    The mission is checked before it is written.
+
+    Example: swarmctl mission import survey.plan --skip-unsupported -o survey
+    """
+    from swarmctl.commands.mission.plan_import import import_plan
+    from swarmctl.terminal.output import Output
+
+    import_plan(source, output, origin, Output(settings(ctx)), skip=skip_unsupported)
 
 
 @cmd.command(nodes=Nodes.ONE)
