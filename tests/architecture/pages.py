@@ -9,11 +9,10 @@ from pathlib import Path
 from types import ModuleType
 
 import click
-from tests.architecture.sources import parsed
+from tests.architecture.sources import ROOT, parsed
 
 from swarmctl.main import cli
 
-ROOT = Path(__file__).parents[2]
 DAEMON_COMMANDS = ("run", "node", "units", "ls")
 
 

@@ -2,6 +2,7 @@
 
 import ast
 import gc
+import tomllib
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Final
 
 ROOT: Final = Path(__file__).parents[2]
 ROOTS: Final = ("lib", "daemons", "cli")
+CONTRACTS: Final = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 

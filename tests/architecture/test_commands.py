@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 import pytest
-from tests.architecture.pages import ROOT, generator
-from tests.architecture.sources import nodes
+from tests.architecture.pages import generator
+from tests.architecture.sources import ROOT, nodes
 
 from swarmctl.commandline.arguments import ARGUMENTS, meaning
 from swarmctl.main import cli, main

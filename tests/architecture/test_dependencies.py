@@ -97,6 +97,7 @@ def test_imports_of_node_are_requirements_of_distribution() -> None:
     extras = ("can", "images", "lab", "lidar", "mongo", "parquet", "video")
     optional = modules(names(text for extra in extras for text in EXTRAS[extra]))
     used = imported("lib", "daemons", "cli")
+    assert modules(declared) & optional == set(), "of an extra, and required by all"
     assert idle(declared, used) == [], "required and not imported"
     assert sorted(used - modules(declared) - optional) == [], "imported and not required"
 

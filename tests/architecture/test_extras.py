@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
@@ -101,8 +100,3 @@ def test_command_names_missing_extra_before_anything_else(words: list[str], extr
     done = swarmctl(*words)
     assert done.returncode == 7, done.stderr
     assert f"pip install 'swarmware[{extra}]'" in done.stderr
-
-
-def test_extra_is_not_required_by_all() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert not [name for name in project["dependencies"] if name.split(">")[0] in EXTRA]

@@ -112,14 +112,25 @@ if {click}:
 else:
     from swarmctl.main import main
     assert main({args}) == 0
-print(json.dumps(sorted(sys.modules)), file=sys.stderr)
+print()
+print(json.dumps(sorted(sys.modules)))
 """
 
 
+def printed(code: str, **environment: str) -> str:
+    """Last line that a new interpreter prints."""
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return done.stdout.splitlines()[-1]
+
+
 def modules(args: list[str], *, click: bool = False) -> set[str]:
-    code = _PROBE.format(args=args, click=click)
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    return set(json.loads(done.stderr.splitlines()[-1]))
+    return set(json.loads(printed(_PROBE.format(args=args, click=click))))
 
 
 @pytest.mark.parametrize("args", [["--help"], ["--version"], ["completion", "fish"]])
@@ -131,8 +142,8 @@ def test_the_top_level_imports_nothing_heavy(args: list[str]) -> None:
 
 
 def test_help_of_lab_imports_no_plotting_or_network() -> None:
-    loaded = modules(["lab", "run", "--help"])
-    assert not loaded & {"matplotlib", "numpy", "zmq", "pymongo", "psutil", "asyncio", "mcap", "rich"}
+    heavy = {"matplotlib", "numpy", "zmq", "pymongo", "psutil", "asyncio", "mcap", "rich"}
+    assert not modules(["lab", "run", "--help"]) & heavy
 
 
 def test_only_the_broker_loads_libzmq() -> None:
@@ -141,8 +152,7 @@ def test_only_the_broker_loads_libzmq() -> None:
         "before = 'zmq' in sys.modules; import swarmd.broker.service\n"
         "print(before, 'zmq' in sys.modules)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["False", "True"]
+    assert printed(code) == "False True"
 
 
 def bench_table(name: str) -> Any:
@@ -168,11 +178,8 @@ def all_commands(command: click.Command, words: tuple[str, ...] = ()) -> Iterato
 def modules_of_readers(lines: Sequence[str], empty: Path) -> dict[str, tuple[set[str], int]]:
     """Modules that are loaded after each command, and its exit code, on a machine without a node or lab."""
     code = _READERS_PROBE.format(lines=lines, folder=str(empty / "none"))
-    environment = {**os.environ, "SWARMCTL_LABS": str(empty / "labs"), "XDG_CACHE_HOME": str(empty)}
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
-    )
-    return {line: (set(loaded), exit_code) for line, (loaded, exit_code) in json.loads(done.stdout).items()}
+    found = json.loads(printed(code, SWARMCTL_LABS=str(empty / "labs"), XDG_CACHE_HOME=str(empty)))
+    return {line: (set(loaded), exit_code) for line, (loaded, exit_code) in found.items()}
 
 
 def test_commands_that_read_import_nothing_heavy(tmp_path: Path) -> None:
@@ -220,5 +227,4 @@ def test_a_command_collects_no_garbage_while_it_starts() -> None:
         "atexit.register(lambda: print(sum(one['collections'] for one in gc.get_stats()) - before))\n"
         "program()"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "0"
+    assert printed(code) == "0"

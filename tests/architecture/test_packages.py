@@ -2,16 +2,14 @@
 
 import ast
 import re
-import tomllib
 from collections import Counter
 from pathlib import Path
 
 import pytest
-from tests.architecture.sources import ROOT, ROOTS, files, imports, parsed
+from tests.architecture.sources import CONTRACTS, ROOT, ROOTS, files, imports, parsed
 
 PACKAGES = sorted(path.parent for root in ROOTS for path in (ROOT / root).rglob("__init__.py"))
 PAGE = (ROOT / "share/doc/architecture.md").read_text("utf-8")
-CONTRACTS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
 MIN_WORDS = 10
 """Fewer only repeat the package's name."""
 THIN_LINES = 40
@@ -84,11 +82,8 @@ def test_every_daemon_has_floors_and_folder_of_decisions() -> None:
     (apart,) = (contract for contract in CONTRACTS if contract["id"] == "daemons")
     assert {f"swarmd.{daemon}" for daemon in daemons} == set(floors["containers"]) == set(apart["modules"])
     assert floors["exhaustive"]
-    assert [layer for layer in floors["layers"] if layer in {"service", "core", "(config)"}] == [
-        "service",
-        "core",
-        "(config)",
-    ]
+    named = ["service", "core", "(config)"]
+    assert [layer for layer in floors["layers"] if layer in named] == named
     assert daemons == {path.parent.name for path in (ROOT / "daemons/swarmd").glob("*/core/")}
 
 

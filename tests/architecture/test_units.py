@@ -4,10 +4,11 @@ import re
 import shutil
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import pytest
+
+from swarmware.service.installed import installed as installed_services
 
 ROOT = Path(__file__).parents[2]
 UNITS = ROOT / "share/swarm/systemd"
@@ -18,11 +19,6 @@ EXPOSURE = 2.0
 needs_systemd = pytest.mark.skipif(
     shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed here"
 )
-
-
-def services() -> set[str]:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    return set(project["entry-points"]["swarmware.services"])
 
 
 def allowed_calls(unit: str) -> set[str]:
@@ -114,7 +110,7 @@ def test_libzmq_may_set_the_scheduling_of_its_threads() -> None:
     assert "sched_setscheduler" in allowed_calls((UNITS / "swarmd@.service").read_text())
 
 
-@pytest.mark.parametrize("name", [*sorted(services()), "temp-sensor", "a_b-2"])
+@pytest.mark.parametrize("name", [*sorted(installed_services()), "temp-sensor", "a_b-2"])
 def test_guard_may_restart_unit_of_every_service(name: str) -> None:
     rule = re.search(r"/(\^swarmd@.*\$)/\.test", (UNITS / "swarm.rules").read_text())
     assert rule
