@@ -254,6 +254,14 @@ def test_broken_file_is_refused_with_its_place(data: bytes, message: str) -> Non
         converted(data)
 
 
+@pytest.mark.parametrize(
+    "row", ["3 178 1 1e-300 0 0 0 0 0", "3 16 0 0 0 0 47.001 8 1e12", "3 22 0 0 0 0 0 0 -1"]
+)
+def test_extreme_value_leaves_a_mission_or_nothing(row: str) -> None:
+    mission = waypoints(UP, f"2 0 {row} 1", "3 0 3 16 0 0 0 0 47.001 8 20 1")
+    assert "1e-300" not in mission.text
+
+
 @given(st.binary(max_size=200) | st.binary(max_size=200).map(lambda data: b"QGC WPL 110\n" + data))
 def test_garbage_is_refused(data: bytes) -> None:
     with pytest.raises(MissionError):

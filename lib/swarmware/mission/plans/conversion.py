@@ -17,6 +17,8 @@ ToLocal = Callable[[float, float, float], tuple[float, float, float]]
 SPEED_M_S: Final = 1.5
 """Speed if the plan has none: the default of a Goto."""
 SPEED_LIMIT_M_S: Final = 30.0
+SPEED_MIN_M_S: Final = 0.1
+"""Lowest speed, so that the time-out of a motion is finite."""
 ORIGIN_TOLERANCE_DEG: Final = 0.00005
 """Distance of the map's origin from the converted one, 5.5 m of latitude: the error of a receiver."""
 _AMSL: Final = frozenset({0, 5})
@@ -78,8 +80,10 @@ class _Route:
         self._plan = plan
         self._to_local = to_local
         self.speed_m_s = plan.speed_m_s or SPEED_M_S
-        if not 0 < self.speed_m_s <= SPEED_LIMIT_M_S:
-            message = f"planned speed {self.speed_m_s:g} m/s: expected at most {SPEED_LIMIT_M_S:g}"
+        if not SPEED_MIN_M_S <= self.speed_m_s <= SPEED_LIMIT_M_S:
+            message = (
+                f"planned speed {self.speed_m_s:g} m/s: expected {SPEED_MIN_M_S:g} to {SPEED_LIMIT_M_S:g}"
+            )
             raise MissionError(f"{plan.file}: {message}")
         self._speed: float | str = "$param.speed_m_s"
         self._place: tuple[float, float, float | None] | None = None
@@ -260,8 +264,10 @@ class _Route:
     def speed(self, item: PlanItem) -> bool:
         """Change the speed of the following motions."""
         value = item.param(2)
-        if item.param(1) not in {0, 1} or not 0 < value <= SPEED_LIMIT_M_S:
-            message = f"type {item.param(1):g}, {value:g} m/s: expected a speed of up to {SPEED_LIMIT_M_S:g}"
+        if item.param(1) not in {0, 1} or not SPEED_MIN_M_S <= value <= SPEED_LIMIT_M_S:
+            message = (
+                f"type {item.param(1):g}, {value:g} m/s: expected {SPEED_MIN_M_S:g} to {SPEED_LIMIT_M_S:g}"
+            )
             raise _Refused(f"{message} m/s along the course (type 0 or 1)")
         self._speed = value
         return True

@@ -53,7 +53,7 @@ class PlanItem(msgspec.Struct, frozen=True):
     frame: int
     """MAV_FRAME of the coordinates."""
     params: tuple[float | None, ...]
-    """Params 1 to 4; None if the file leaves a value to the autopilot."""
+    """Params 1 to 4, each a number, or None if the file leaves the value to the autopilot."""
     lat_deg: float | None
     """Param 5, a latitude in items with a position."""
     lon_deg: float | None

@@ -9,6 +9,8 @@ from swarmware.mission.plans.plan import Plan, PlanItem, PlannedHome
 HEADER: Final = "QGC WPL"
 _VERSION: Final = "110"
 _COLUMNS: Final = 12
+_GREATEST: Final = 1e12
+"""Greatest value of a column, so that no distance overflows."""
 _INT_FRAMES: Final = frozenset({5, 6, 11})
 """Frames whose coordinates may be degrees times 10⁷ (MAV_FRAME_GLOBAL_INT and its variants)."""
 
@@ -63,6 +65,6 @@ def _value(word: str, column: int, line: int, file: str) -> float | None:
         value = float(word)
     except ValueError:
         value = math.inf
-    if math.isinf(value):
+    if abs(value) > _GREATEST:
         raise MissionError(f"{file}:{line}: column {column}: {word[:40]!r}: expected a number") from None
     return None if math.isnan(value) else value
