@@ -234,6 +234,7 @@ def test_rate_limit_starts_and_ends_by_itself(lab: Lab, ctl: Ctl) -> None:
 
 
 def test_the_record_is_queried_followed_and_exported(ctl: Ctl, tmp_path: Path) -> None:
+    ctl("log tail nav/pose -n uav1 --count 6")  # a lab that has just started has recorded fewer
     found = ctl("log query nav/pose -n uav1 --limit 5 --oldest --json").lines
     assert [line["path"] for line in found] == ["/uav1/nav/pose"] * 5
     newest = ctl("log query '/*/nav/pose' --limit 4 --since 1h --json").lines
