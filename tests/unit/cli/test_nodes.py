@@ -178,6 +178,7 @@ WITHOUT_NODES = {
     "lab run": "of a new lab",
     "lab up": "of a new lab",
     "mission check": "of files",
+    "mission import": "of a file",
     "new driver": "makes a folder",
     "new block": "makes a folder",
     "new mission": "makes a folder",
