@@ -7,7 +7,6 @@ counted, and the first one is a warning.
 import asyncio
 import logging
 import re
-import shutil
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
@@ -226,7 +225,13 @@ class RunDisk:
         folders = run_folders(self._missions)
         surplus = len(folders) - self._kept_runs
         for folder in [one for one in folders if one not in kept][: max(surplus, 0)]:
-            shutil.rmtree(folder)
+            # deepest first; `shutil` would add modules of compression to each node's memory
+            for path in sorted(folder.rglob("*"), reverse=True):
+                if path.is_dir() and not path.is_symlink():
+                    path.rmdir()
+                else:
+                    path.unlink()
+            folder.rmdir()
             log.info("folder of run %s: removed; the newest %d are kept", folder.name, self._kept_runs)
 
     def _try(self, write: Callable[[], object]) -> None:
