@@ -174,7 +174,7 @@ FUNCTIONS = {
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_click_function_has_no_logic_of_its_own(name: str) -> None:
-    """It reads options and makes one call; the logic is a function that a test can call."""
+    """A click function reads options and makes one call; its logic is a function that a test can call."""
     inside = [node for statement in FUNCTIONS[name].body for node in ast.walk(statement)]
     assert [ast.unparse(node) for node in inside if isinstance(node, LOGIC)] == []
 

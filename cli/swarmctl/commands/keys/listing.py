@@ -32,8 +32,10 @@ class ListedMember(msgspec.Struct, frozen=True):
     roster: int | None = None
     """Version of the node's roster, or None if it was not requested or the node not reached."""
     invited: Literal["", "open", "expired"] = ""
-    """Admitted by a file that was not seen in use; `expired`: no node can use it any more. Known where the
-    root is on this computer."""
+    """State of an invitation that no node has used yet, or "" without one; `expired`: no node can use it.
+
+    Known only on the computer with the root.
+    """
 
 
 class MemberList(msgspec.Struct, frozen=True):

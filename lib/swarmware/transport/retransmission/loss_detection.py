@@ -107,7 +107,7 @@ class LossDetection(Flight[int, Packet]):
         arrived: list[Packet] = []
         late = 0
         for first, last in ranges:
-            # an acknowledgement of any numbers costs no more than the packets in flight
+            # a huge acknowledged range is not counted through: the loop is then over the packets in flight
             if last - first < len(self):
                 found = [packet for number in range(first, last + 1) if (packet := self._items.get(number))]
             else:

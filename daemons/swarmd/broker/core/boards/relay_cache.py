@@ -107,9 +107,9 @@ class RelayCache:
         proof: ValueProof | None = None,
         position: int = 0,
     ) -> RemoteValue | None:
-        """Takes a value from its origin, whose clock was `clock_us` at the send, or None if it is not newer.
+        """Stores a value from a beacon of its origin; returns it, or None if the stored one is as new.
 
-        `proof`: of the values of the beacon.
+        `clock_us`: clock of the origin when it sent the value; `proof`: of the values of the beacon.
         """
         return self.on_value(
             origin_hw,
